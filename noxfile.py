@@ -15,7 +15,7 @@ nox.options.default_venv_backend = "uv|virtualenv"
 # The versions in the classifiers.
 PYTHONS = nox.project.python_versions(nox.project.load_toml("pyproject.toml"))
 # The golden sweep, and one command of each kind.
-SHORT = ("tests/sweeps/test_golden.py", "tests/interface/test_transcripts.py")
+SHORT = ("tests/work/test_golden.py", "tests/interface/test_transcripts.py")
 AVX512 = "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL X86_V4"
 
 

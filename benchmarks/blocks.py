@@ -22,14 +22,14 @@ import pyarrow as pa
 from machine import all_runs, plan_of
 
 from rattlesweep.arrays import Floats
+from rattlesweep.design.columns import build_table
+from rattlesweep.design.config.read import parse_config
+from rattlesweep.design.plan import Plan, make_plan
 from rattlesweep.integrate.lanes.lane import LANES
-from rattlesweep.sweeps.block import columns_of, run_batch
-from rattlesweep.sweeps.columns import build_table
-from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.job import Job, Keys
-from rattlesweep.sweeps.parquet import write_parquet
-from rattlesweep.sweeps.plan import Plan, make_plan
-from rattlesweep.sweeps.stored import Found
+from rattlesweep.store.parquet import write_parquet
+from rattlesweep.store.rows import Found
+from rattlesweep.work.block import columns_of, run_batch
+from rattlesweep.work.job import Job, Keys
 
 TRIED_SECONDS = 34e-9  # for a step of one lane, on one thread
 THREADS = (1, 2, 4, 16)

@@ -15,9 +15,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rattlesweep.analysis import style
-from rattlesweep.sweeps.block import columns_of, prepare_runs
-from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.design.config.read import parse_config
+from rattlesweep.design.plan import make_plan
+from rattlesweep.work.block import columns_of, prepare_runs
 
 CONFIG = {
     "spin": {"n_i": -0.3, "omega_xy0": 0.01},

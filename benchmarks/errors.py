@@ -5,7 +5,7 @@
     python benchmarks/errors.py --promise      # accuracy: {t_r: 1e-6}
     python benchmarks/errors.py --worst 40     # the worst runs of quickstart, 32 digits
 
-The estimate and its constants are those of the package (rattlesweep/sweeps/error.py);
+The estimate and its constants are those of the package (rattlesweep/work/error.py);
 docs/accuracy.md describes the runs with large errors, which it has to mark.
 
 The truth is verner98 at 1e-14; where dop853 at 1e-13 differs by more than 1e-9, the
@@ -31,16 +31,16 @@ import pandas as pd
 from machine import ROOT, all_runs, heading, in_turns, plan_of
 
 from rattlesweep.arrays import take
+from rattlesweep.design.config.read import parse_config
+from rattlesweep.design.config.schema import Integrator
+from rattlesweep.design.plan import make_plan
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps import error
-from rattlesweep.sweeps.block import run_batch
-from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.config.schema import Integrator
-from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.types import classify, sure_types
+from rattlesweep.store.types import classify, sure_types
+from rattlesweep.work import error
+from rattlesweep.work.block import run_batch
 
 sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 import samples
@@ -49,8 +49,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.arrays import Flags, Floats
+    from rattlesweep.design.config.schema import Config
     from rattlesweep.integrate.batch import Batch, Outcome
-    from rattlesweep.sweeps.config.schema import Config
 
     Codes = NDArray[np.int8]
 

@@ -17,8 +17,8 @@ from pathlib import Path
 
 from machine import heading, plan_of
 
-from rattlesweep.sweeps.forecast import forecast
-from rattlesweep.sweeps.run import run_sweep
+from rattlesweep.work.forecast import forecast
+from rattlesweep.work.run import run_sweep
 
 # Each takes at least a second of integration on two threads.
 SMALL = [

@@ -20,12 +20,13 @@ import click
 import numpy as np
 from machine import all_runs, heading, in_turns, plan_of
 
+from rattlesweep.design.batches import full_batch
+from rattlesweep.design.columns import build_table, runs_schema
+from rattlesweep.design.launches import prepare
 from rattlesweep.physics import full
 from rattlesweep.physics.steady import steady_modes
-from rattlesweep.sweeps.block import columns_of, run_batch
-from rattlesweep.sweeps.columns import build_table, runs_schema
-from rattlesweep.sweeps.launches import full_batch, prepare
-from rattlesweep.sweeps.parquet import write_parquet
+from rattlesweep.store.parquet import write_parquet
+from rattlesweep.work.block import columns_of, run_batch
 
 if TYPE_CHECKING:
     from collections.abc import Callable

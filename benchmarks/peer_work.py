@@ -10,11 +10,11 @@ import numpy as np
 from machine import all_runs, plan_of
 
 from rattlesweep.arrays import take
+from rattlesweep.design.config.read import parse_config
+from rattlesweep.design.plan import make_plan
 from rattlesweep.integrate.batch import Batch, integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.plan import make_plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -23,10 +23,10 @@ from rattlesweep.analysis import style
 from rattlesweep.analysis.layout import fill
 from rattlesweep.analysis.plots.maps import CELLS, CODES
 from rattlesweep.arrays import Flags
-from rattlesweep.sweeps.config.read import parse_config, resolved
-from rattlesweep.sweeps.decide import wanted_runs
-from rattlesweep.sweeps.stored import FOLDER, Stored, open_stored
-from rattlesweep.sweeps.summary import summarise
+from rattlesweep.design.config.read import parse_config, resolved
+from rattlesweep.store.decide import wanted_runs
+from rattlesweep.store.rows import FOLDER, Stored, nothing_found, open_stored
+from rattlesweep.store.summary import summarise
 
 LEVELS = (2, 3, 4, 5)
 REFINEMENTS: list[dict[str, Any]] = [
@@ -40,7 +40,7 @@ def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
     data = resolved(stored.config)
     config = parse_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
     design = replace(stored, config=config)
-    known = design.nothing_found()
+    known = nothing_found(design)
     todo = wanted_runs(design, known)
     while todo.any():
         known.add(rows.take(np.flatnonzero(todo)))

@@ -15,12 +15,12 @@ import click
 import numpy as np
 from machine import all_runs, heading
 
+from rattlesweep.design.config.read import parse_config
+from rattlesweep.design.plan import make_plan
 from rattlesweep.integrate.batch import exponents, integrate, longest_frame_steps
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import steady
-from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.plan import make_plan
 
 if TYPE_CHECKING:
     from rattlesweep.arrays import Floats

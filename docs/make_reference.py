@@ -19,13 +19,14 @@ from typing import Any
 
 import pyarrow as pa
 
+from rattlesweep.design import columns
+from rattlesweep.design.bodies.table import about
+from rattlesweep.design.config.read import config_json_schema
+from rattlesweep.design.config.schema import Config
 from rattlesweep.integrate.status import Status
 from rattlesweep.names import MODEL_NAMES
 from rattlesweep.quantities import LOSSES, SURFACE_CONSTANTS
-from rattlesweep.sweeps import columns, summary
-from rattlesweep.sweeps.bodies.table import about
-from rattlesweep.sweeps.config.read import config_json_schema
-from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.store import summary
 
 Schema = dict[str, Any]  # a JSON Schema, or a part of one
 DOCS = Path(__file__).parent

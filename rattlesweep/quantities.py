@@ -2,7 +2,7 @@
 
 Keys of the config, columns of tables, arguments, options, axes of figures and the pages
 of the documentation read them here.  A column that only `runs` or `summary` has is
-defined in :mod:`rattlesweep.sweeps.columns`.  This module imports nothing, so that
+defined in :mod:`rattlesweep.design.columns`.  This module imports nothing, so that
 ``--help`` is fast.
 """
 

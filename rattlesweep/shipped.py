@@ -61,7 +61,7 @@ def example_files(name: str, config: Path | None = None) -> dict[Path, str]:
 
 def starter(name: str) -> str:
     """Return the commented config to begin with, of a sweep with this name."""
-    source = files("rattlesweep.sweeps.config") / "starter.yaml"
+    source = files("rattlesweep.design.config") / "starter.yaml"
     text = linked(source.read_text(encoding="utf-8"))
     # In quotes, as YAML would read some names as numbers.
     text = text.replace("name: NAME", f"name: {json.dumps(name)}")

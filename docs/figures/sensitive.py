@@ -17,14 +17,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from rattlesweep.arrays import take
+from rattlesweep.design.config.read import parse_config
+from rattlesweep.design.plan import make_plan
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.steady import growth, steady_modes
-from rattlesweep.sweeps.block import prepare_runs
-from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.work.block import prepare_runs
 
 RUNS = Path(__file__).with_name("sensitive.csv")
 ROW = 4

@@ -8,11 +8,12 @@ import numpy as np
 import pandas as pd
 
 from rattlesweep.analysis import style
+from rattlesweep.design.cases import Case
+from rattlesweep.design.config.read import differences, fixed_part, resolved
 from rattlesweep.errors import ConfigError, OutputError, printable
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
-from rattlesweep.sweeps.stored import Case, Stored, open_stored
-from rattlesweep.sweeps.types import TYPES
+from rattlesweep.store.rows import Stored, open_stored
+from rattlesweep.store.types import TYPES
 
 MOST_LISTED = 10
 SPIN = ("n_i", "omega_xy0")

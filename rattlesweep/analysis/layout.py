@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 
 from rattlesweep.analysis.where import Where, parse_where
 from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.design.cases import VARIES
+from rattlesweep.design.columns import floats, unit_and_meaning
+from rattlesweep.design.config import not_one_of
+from rattlesweep.design.config.schema import GridSource
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.quantities import TIME
-from rattlesweep.sweeps.columns import floats, unit_and_meaning
-from rattlesweep.sweeps.config import not_one_of
-from rattlesweep.sweeps.config.schema import GridSource
-from rattlesweep.sweeps.decide import FEWEST, nearest
-from rattlesweep.sweeps.stored import VARIES, Stored, open_stored
-from rattlesweep.sweeps.summary import SI, Counts, Moments, columns_for
+from rattlesweep.store.decide import FEWEST, nearest
+from rattlesweep.store.rows import Stored, open_stored
+from rattlesweep.store.summary import SI, Counts, Moments, columns_for
 
 # Relative difference up to which a value typed in decimals means a stored one.
 NEAR = 1e-6

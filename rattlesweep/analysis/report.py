@@ -20,13 +20,13 @@ from ruamel.yaml import YAML
 from rattlesweep.analysis.layout import Layout, read_layout
 from rattlesweep.analysis.plots import MAPS, choose_picture, default_kind
 from rattlesweep.analysis.style import encode, styled
+from rattlesweep.design.columns import floats
+from rattlesweep.design.config.read import resolved
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.columns import floats
-from rattlesweep.sweeps.config.read import resolved
-from rattlesweep.sweeps.sessions import read_sessions
-from rattlesweep.sweeps.status import status
-from rattlesweep.sweeps.stored import Stored
-from rattlesweep.sweeps.summary import (
+from rattlesweep.store.rows import Stored
+from rattlesweep.store.sessions import read_sessions
+from rattlesweep.store.status import status
+from rattlesweep.store.summary import (
     PRINTED,
     absent_columns,
     count_cases,

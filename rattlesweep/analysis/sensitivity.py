@@ -17,11 +17,11 @@ from matplotlib.patches import Patch
 
 from rattlesweep.analysis import style
 from rattlesweep.arrays import Floats
+from rattlesweep.design.config.schema import SdSource
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.schema import SdSource
-from rattlesweep.sweeps.stored import open_stored
-from rattlesweep.sweeps.tails import LEAST_INDEX, tail_index
-from rattlesweep.sweeps.types import TYPES
+from rattlesweep.store.rows import open_stored
+from rattlesweep.store.types import TYPES
+from rattlesweep.tails import LEAST_INDEX, tail_index
 
 QUANTITIES = {"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"} | {
     f"P({n})": f"P({n})" for n in TYPES

@@ -10,10 +10,10 @@ import pyarrow as pa
 
 from rattlesweep.analysis.layout import Layout
 from rattlesweep.arrays import Floats, Integers
+from rattlesweep.design.columns import floats
 from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.columns import floats
-from rattlesweep.sweeps.decide import nearest_rows
-from rattlesweep.sweeps.types import DEAD, TYPES, codes, wilson
+from rattlesweep.store.decide import nearest_rows
+from rattlesweep.store.types import DEAD, TYPES, codes, wilson
 
 BINS = 10
 MOST_OF_AXIS = 50  # values of an axis that are never put together

@@ -25,9 +25,9 @@ from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats, Places
+from rattlesweep.design.columns import define
 from rattlesweep.errors import ConfigError, one_line, printable
-from rattlesweep.sweeps.columns import define
-from rattlesweep.sweeps.files import replace_file
+from rattlesweep.files import replace_file
 
 # The palette of Okabe and Ito, which colour-blind readers can tell apart.
 BLUE = "#0072B2"

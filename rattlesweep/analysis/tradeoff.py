@@ -22,17 +22,18 @@ from matplotlib.figure import Figure
 
 from rattlesweep.analysis import style
 from rattlesweep.arrays import take
+from rattlesweep.design.batches import make_batch
+from rattlesweep.design.columns import runs_schema
+from rattlesweep.design.config.read import parse_config, resolved
+from rattlesweep.design.config.schema import Config, SdSource
+from rattlesweep.design.launches import Launches, prepare
+from rattlesweep.design.plan import make_plan
 from rattlesweep.errors import ConfigError
+from rattlesweep.files import probe_directory
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import Control, Task, side_by_side
-from rattlesweep.sweeps.block import compute
-from rattlesweep.sweeps.columns import runs_schema
-from rattlesweep.sweeps.config.read import parse_config, resolved
-from rattlesweep.sweeps.config.schema import Config, SdSource
-from rattlesweep.sweeps.files import probe_directory
-from rattlesweep.sweeps.launches import Launches, make_batch, prepare
-from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.provenance import machine
+from rattlesweep.store.provenance import machine
+from rattlesweep.work.block import compute
 
 DEFAULT: dict[str, object] = {
     "name": "tradeoff",

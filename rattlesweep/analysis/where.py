@@ -20,8 +20,8 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from rattlesweep.design.config import not_one_of
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.config import not_one_of
 
 Constant: TypeAlias = "bool | int | float | str"
 Value: TypeAlias = "Constant | list[Constant] | pd.Series"

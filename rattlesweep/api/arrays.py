@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-    from rattlesweep.sweeps.bodies.table import Frame
+    from rattlesweep.design.bodies.table import Frame
 
 
 Bodies: TypeAlias = "Rattleback | str | Iterable[object] | Mapping[str, Any] | Frame"
@@ -42,7 +42,7 @@ OF_BODIES = (*PARAMETERS, "c", *SIZE)
 
 def one_body(body: object, name: str = "body") -> Rattleback:
     """Return a body or the preset of a name, or refuse it."""
-    from rattlesweep.sweeps.bodies.making import body_from
+    from rattlesweep.design.bodies.making import body_from
 
     if isinstance(body, Rattleback):
         return body
@@ -85,7 +85,7 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
 
 
 def _table_columns(bodies: Mapping[str, Any] | Frame) -> dict[str, Floats]:
-    from rattlesweep.sweeps.bodies.table import frame_bodies
+    from rattlesweep.design.bodies.table import frame_bodies
 
     if isinstance(bodies, Mapping):
         import pandas as pd
@@ -127,7 +127,7 @@ def column_units(columns: Mapping[str, Floats]) -> Units | None:
 
 def numbers(name: str, value: object, units: Units | None = None) -> Floats:
     """Return an argument as an array in the units of the bodies, or refuse it."""
-    from rattlesweep.sweeps.bodies.table import check_value
+    from rattlesweep.design.bodies.table import check_value
 
     array = _floats(name, value, units)
     broken = check_value("psi_deg" if name == "psi" else name, array.ravel())
@@ -248,7 +248,7 @@ def check_count(name: str, value: object, least: int = 1) -> None:
 
 def check_names(what: str, names: Iterable[str], known: Collection[str]) -> None:
     """Refuse names that are not known."""
-    from rattlesweep.sweeps.config import not_one_of
+    from rattlesweep.design.config import not_one_of
 
     for name in names:
         if name not in known:

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.fit.result import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.replay import StoredRun
+    from rattlesweep.design.single import Launch
     from rattlesweep.physics.si import Units
-    from rattlesweep.sweeps.launches import Launch
 
     # A number, or text with an SI unit such as "60 rpm".
     Number = float | str
@@ -195,7 +195,7 @@ class Page:
 
     def save(self, path: str | Path) -> Page:
         """Write the page to an .html file, and return it with its path."""
-        from rattlesweep.sweeps.files import as_path, replace_file
+        from rattlesweep.files import as_path, replace_file
 
         path = as_path(path, "path")
         if path.suffix.lower() not in (".html", ".htm"):
@@ -274,15 +274,15 @@ def simulate(
     >>> rs.simulate("GH", n_i=0.1, omega_xy0=0.01)
     <Run t_r=112.093878, t_end=112.093878, type=R, status=ok>
     """
-    from rattlesweep.integrate.compile import listening
-    from rattlesweep.sweeps.bodies.table import (
+    from rattlesweep.design.bodies.table import (
         TableBodies,
         launched_from,
         unknown_columns,
     )
-    from rattlesweep.sweeps.launches import directions, is_full_state, plan_of_rows
-    from rattlesweep.sweeps.plausible import near_tap
-    from rattlesweep.sweeps.run import integrate_plan
+    from rattlesweep.design.plausible import near_tap
+    from rattlesweep.design.single import directions, is_full_state, plan_of_rows
+    from rattlesweep.integrate.compile import listening
+    from rattlesweep.work.run import integrate_plan
 
     arguments.check_names(
         "arguments", settings, (*LAUNCH, "record", "threads", "progress")
@@ -598,7 +598,7 @@ def prepare_stored(
 ) -> tuple[StoredRun, PreparedRun]:
     """Return a stored run, proved to come out as stored, and the same to ``t_end``."""
     from rattlesweep.analysis.onerun.replay import find_run
-    from rattlesweep.sweeps.files import as_path
+    from rattlesweep.files import as_path
 
     check_count("case", case, 0)
     check_count("sample", sample, 0)
@@ -625,7 +625,7 @@ def launch_of(
     **values: Any,
 ) -> Launch:
     """Return one launch with its numbers in the units of its body."""
-    from rattlesweep.sweeps.launches import Launch
+    from rattlesweep.design.single import Launch
 
     stone = arguments.one_body(body)
     arguments.check_names("arguments", values, (*LAUNCH, "e_p0", "e_r0"))

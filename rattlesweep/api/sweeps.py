@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
     from rattlesweep.analysis.compare import Comparison
     from rattlesweep.analysis.style import Style
-    from rattlesweep.sweeps.bodies.table import Frame
-    from rattlesweep.sweeps.stored import Stored
-    from rattlesweep.sweeps.verify import Verified
+    from rattlesweep.design.bodies.table import Frame
+    from rattlesweep.store.rows import Stored
+    from rattlesweep.work.verify import Verified
 
 
 class Sweep:
@@ -48,7 +48,7 @@ class Sweep:
     """
 
     def __init__(self, directory: str | Path) -> None:
-        from rattlesweep.sweeps.files import as_path
+        from rattlesweep.files import as_path
 
         # The working directory may change while the sweep is open.
         self.directory = as_path(directory, "directory").absolute()
@@ -57,7 +57,7 @@ class Sweep:
     @property
     def _stored(self) -> Stored:
         # Opened anew each time, as a sweep may grow or get other types meanwhile.
-        from rattlesweep.sweeps.stored import open_stored
+        from rattlesweep.store.rows import open_stored
 
         return open_stored(self.directory)
 
@@ -79,7 +79,7 @@ class Sweep:
     @property
     def summary(self) -> pd.DataFrame:
         """One row for each case, over the runs so far, with units in ``attrs``."""
-        from rattlesweep.sweeps.summary import read_summary
+        from rattlesweep.store.summary import read_summary
 
         return to_frame(read_summary(self._stored))
 
@@ -184,7 +184,7 @@ class Sweep:
         from rattlesweep.analysis.onerun.figure import shown
         from rattlesweep.analysis.plots import choose_picture
         from rattlesweep.analysis.style import save, styled
-        from rattlesweep.sweeps.files import as_path
+        from rattlesweep.files import as_path
 
         _check_looks(looks)
         layout = read_layout(self.directory)
@@ -267,7 +267,7 @@ class Sweep:
         runs that are not there, and ``words``.  With `complete`, missing runs are a
         problem.  Nothing is changed.
         """
-        from rattlesweep.sweeps.verify import verify
+        from rattlesweep.work.verify import verify
 
         check_count("recompute", recompute, 0)
         check_count("seed", seed, 0)
@@ -287,7 +287,7 @@ class Sweep:
 
         Thresholds, such as ``sw_departure=0.1``, are by default those of the config.
         """
-        from rattlesweep.sweeps.classify import classify_stored
+        from rattlesweep.store.classify import classify_stored
 
         texts = [f"classify.{key}={value!r}" for key, value in thresholds.items()]
         return to_frame(classify_stored(self.directory, texts).summary)
@@ -326,8 +326,8 @@ class Sweep:
 
 def _misplaced(key: str) -> str:
     """Return why an argument of :func:`sweep` is refused beside a config."""
-    from rattlesweep.sweeps.config import hint
-    from rattlesweep.sweeps.config.schema import Config
+    from rattlesweep.design.config import hint
+    from rattlesweep.design.config.schema import Config
 
     if key in Config.model_fields:
         return "keys go with a DataFrame only; write it into the config"
@@ -387,11 +387,11 @@ def sweep(
         For a DataFrame, the other keys of the config, such as ``spin``, ``horizon``,
         ``record``.
     """
+    from rattlesweep.design.config.read import load_config, parse_config
+    from rattlesweep.files import as_path
     from rattlesweep.integrate.compile import listening
-    from rattlesweep.sweeps.config.read import load_config, parse_config
-    from rattlesweep.sweeps.files import as_path
-    from rattlesweep.sweeps.plausible import checked_plan, plan_frame
-    from rattlesweep.sweeps.run import run_sweep
+    from rattlesweep.work.planning import checked_plan, plan_frame
+    from rattlesweep.work.run import run_sweep
 
     check_count("threads", threads)
     target: Path | None = None

@@ -197,7 +197,7 @@ def main(context: click.Context, verbose: bool, version: bool) -> None:
 
         click.echo(f"rattlesweep, version {rattlesweep.__version__}")
         if verbose:
-            from rattlesweep.sweeps.provenance import machine, versions
+            from rattlesweep.store.provenance import machine, versions
 
             click.echo(to_json({**versions(), **machine()}))
         context.exit()

@@ -128,7 +128,7 @@ def to_json(data: object) -> str:
 
 def probe(*files: Path | None) -> None:
     """Raise an OutputError before the work begins if a file cannot be written then."""
-    from rattlesweep.sweeps.files import probe_directory
+    from rattlesweep.files import probe_directory
 
     for path in files:
         if path is None:
@@ -242,7 +242,7 @@ def _file(endings: tuple[str, ...], text: str) -> Path:
 
 
 def _path(text: str) -> Path:
-    from rattlesweep.sweeps.files import expand
+    from rattlesweep.files import expand
 
     return Path(expand(text))
 

@@ -270,7 +270,7 @@ def _flag(name: str) -> str:
 
 def _body_of(given: Given) -> Rattleback:
     """Return the body that the options of a command describe."""
-    from rattlesweep.sweeps.bodies.making import body_from
+    from rattlesweep.design.bodies.making import body_from
     from rattlesweep.units import require_unit
 
     values = pick(given, *options.BODY)
@@ -530,8 +530,8 @@ def _read_stone(path: Path) -> dict[str, Any]:
     """Return the arguments of :func:`rattlesweep.fit` in a YAML file."""
     from rattlesweep.analysis.fit.measured import measured_body, separate
     from rattlesweep.api.arrays import require_units
-    from rattlesweep.sweeps.config.read import checked, read_file
-    from rattlesweep.sweeps.config.schema import Stone
+    from rattlesweep.design.config.read import checked, read_file
+    from rattlesweep.design.config.schema import Stone
 
     data, places, problems = read_file(path)
     stone = checked(Stone, data, places, problems)

@@ -30,13 +30,13 @@ from rattlesweep.text import Bar, counted
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from rattlesweep.sweeps.forecast import Forecast
-    from rattlesweep.sweeps.job import Job
-    from rattlesweep.sweeps.plan import Plan
-    from rattlesweep.sweeps.run import Engine, Shard
+    from rattlesweep.design.plan import Plan
+    from rattlesweep.work.forecast import Forecast
+    from rattlesweep.work.job import Job
+    from rattlesweep.work.run import Engine, Shard
 
-SHARD = Kind("i/n", "rattlesweep.sweeps.run:Shard.parse")
-LIMIT = Kind("time", "rattlesweep.sweeps.slurm:limit_of")
+SHARD = Kind("i/n", "rattlesweep.work.run:Shard.parse")
+LIMIT = Kind("time", "rattlesweep.work.slurm:limit_of")
 
 
 @command(
@@ -57,9 +57,9 @@ def init(config: Path | None, example: str | None) -> None:
     It describes a small sweep, ready to run, and is called sweep.yaml by default.
     Prints the paths that it writes. No file is overwritten.
     """
+    from rattlesweep.design.config.read import parse_config, read_yaml
+    from rattlesweep.files import probe_directory, replace_file
     from rattlesweep.shipped import example_files, starter
-    from rattlesweep.sweeps.config.read import parse_config, read_yaml
-    from rattlesweep.sweeps.files import probe_directory, replace_file
 
     if config is not None and config.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"{config}: the name of a config ends in .yaml")
@@ -104,7 +104,7 @@ def plan(
     Prints the number of runs, or each mistake in the config with its line. Integrates a
     sample of the runs for about two seconds and writes nothing.
     """
-    from rattlesweep.sweeps.plan import examine
+    from rattlesweep.store.manifest import examine
 
     planned, directory = _planned(config, overrides, output)
     examine(planned, directory)
@@ -181,8 +181,8 @@ def run(
         raise ConfigError(
             "--scheduler ADDRESS: works only with --engine dask; give that too"
         )
-    from rattlesweep.sweeps.plan import examine
-    from rattlesweep.sweeps.run import run_sweep
+    from rattlesweep.store.manifest import examine
+    from rattlesweep.work.run import run_sweep
 
     planned, directory = _planned(config, overrides, output, quiet)
     if compile_only:
@@ -194,7 +194,7 @@ def run(
         return DONE
     workers: Engine | None = None
     if engine == "dask":
-        from rattlesweep.sweeps.dask import make_engine
+        from rattlesweep.work.dask import make_engine
 
         workers = make_engine(scheduler, threads)
     with Bar.of_command(quiet) as bar:
@@ -216,7 +216,7 @@ def _compile(planned: Plan) -> None:
     """Compile the kernels of a sweep: those that integrate, and those that launch."""
     import numpy as np
 
-    from rattlesweep.sweeps.block import load_kernel, prepare_runs
+    from rattlesweep.work.block import load_kernel, prepare_runs
 
     load_kernel(planned.config)
     first = np.zeros(1, np.int64)
@@ -260,7 +260,7 @@ def status(directory: Path, as_json: bool) -> int:
 
     Exits with 3 if some runs have a status other than ok.
     """
-    from rattlesweep.sweeps.status import status as count_rows
+    from rattlesweep.store.status import status as count_rows
 
     counts = count_rows(directory)
     click.echo(to_json(counts.data) if as_json else counts.words)
@@ -290,7 +290,7 @@ def verify(
     compared bit for bit. To repair a directory, use `rattlesweep run`, which repeats
     damaged runs and does missing ones.
     """
-    from rattlesweep.sweeps.verify import verify as check
+    from rattlesweep.work.verify import verify as check
 
     seed = secrets.randbelow(2**32)
     with Bar.of_command() as bar:
@@ -319,7 +319,7 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     Rewrites the types and the summary, and prints one row per case. Without --set, or
     by `rattlesweep run`, the thresholds of the config are restored.
     """
-    from rattlesweep.sweeps.classify import classify_stored
+    from rattlesweep.store.classify import classify_stored
 
     classified = classify_stored(directory, overrides)
     _print_summary(classified.summary, directory)
@@ -347,7 +347,7 @@ def merge(directories: tuple[Path, ...], output: Path, link: bool, quiet: bool) 
     Exits with 75 if runs are still missing: merge other shards into the same output, or
     let `rattlesweep run CONFIG --output DIR` compute the rest.
     """
-    from rattlesweep.sweeps.merge import merge as join
+    from rattlesweep.store.merge import merge as join
 
     merged = join(list(directories), output, link)
     if not quiet:
@@ -402,8 +402,8 @@ def slurm(
 
     Tasks stop shortly before the time limit and resume after a restart.
     """
-    from rattlesweep.sweeps.plan import examine
-    from rattlesweep.sweeps.slurm import job_script
+    from rattlesweep.store.manifest import examine
+    from rattlesweep.work.slurm import job_script
 
     planned, directory = _planned(config, overrides, output)
     if not own:
@@ -426,13 +426,13 @@ def slurm(
 @command("Sweeps", "rattlesweep schema > rattlesweep.schema.json")
 def schema() -> None:
     """Print the JSON Schema of the config."""
-    from rattlesweep.sweeps.config.read import config_json_schema
+    from rattlesweep.design.config.read import config_json_schema
 
     click.echo(to_json(config_json_schema()))
 
 
 def _print_summary(summary: pa.Table | None, directory: Path) -> None:
-    from rattlesweep.sweeps.summary import closing_table, doubts_of_means
+    from rattlesweep.store.summary import closing_table, doubts_of_means
 
     if summary is None:
         return
@@ -449,9 +449,9 @@ def _planned(
     path: Path, overrides: tuple[str, ...], output: Path | None, quiet: bool = False
 ) -> tuple[Plan, Path]:
     """Return the plan of a config and its output directory; say what is doubtful."""
-    from rattlesweep.sweeps.config.read import load_config
-    from rattlesweep.sweeps.files import as_path
-    from rattlesweep.sweeps.plausible import checked_plan
+    from rattlesweep.design.config.read import load_config
+    from rattlesweep.files import as_path
+    from rattlesweep.work.planning import checked_plan
 
     config = load_config(path, overrides)
     planned, doubts = checked_plan(config, path.resolve().parent)
@@ -463,7 +463,7 @@ def _planned(
 
 def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
     """Return the forecast of a sweep, and warn if the disk is too small for it."""
-    from rattlesweep.sweeps.forecast import forecast
+    from rattlesweep.work.forecast import forecast
 
     expected = forecast(planned, threads, startup=time.process_time())
     parents = (directory.absolute(), *directory.absolute().parents)
@@ -741,9 +741,9 @@ def tradeoff(
     tradeoff.parquet, .svg, .png.
     """
     from rattlesweep.analysis import tradeoff as study
+    from rattlesweep.design.config.read import load_config, parse_config
+    from rattlesweep.files import as_path, probe_directory
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.sweeps.config.read import load_config, parse_config
-    from rattlesweep.sweeps.files import as_path, probe_directory
 
     start = time.monotonic()
     base: Path | None = None

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ruamel.yaml import YAML
 
 from rattlesweep.paper.workspace import Made
-from rattlesweep.sweeps.types import wilson
+from rattlesweep.store.types import wilson
 
 # Checks, each true if it holds, and numbers by name.
 Measured = tuple[Sequence[object], dict[str, Any]]

@@ -10,14 +10,14 @@ from scipy.stats import ks_2samp
 
 from rattlesweep.analysis.style import BLUE, GREEN, ORANGE, SKY, VERMILION, new_figure
 from rattlesweep.arrays import Floats, Integers
+from rattlesweep.design.bodies.sources import bodies_at, draw_points, ranges_of
+from rattlesweep.design.config.schema import SdSource
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.paper.claim import Measured
 from rattlesweep.paper.workspace import Made, Tables, Workspace, records
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
-from rattlesweep.sweeps.bodies.sources import bodies_at, draw_points, ranges_of
-from rattlesweep.sweeps.config.schema import SdSource
 
 LEVELS = 2001  # points of a cumulative distribution
 CHUNK = 100_000  # bodies counted at a time

@@ -34,7 +34,7 @@ from rattlesweep.paper.workspace import (
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.vectors import smooth_volume
-from rattlesweep.sweeps.types import is_chaotic
+from rattlesweep.store.types import is_chaotic
 
 OMEGA_XY0 = 0.01
 # Fig. 5(a) and (b): initial spin and duration.  The paper does not state the durations.

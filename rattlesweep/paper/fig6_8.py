@@ -27,7 +27,7 @@ from rattlesweep.paper.workspace import (
     records,
 )
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.sweeps.types import Z95
+from rattlesweep.store.types import Z95
 
 SYMBOL = 10**0.1
 # Fewest runs for a median; with less than two or four times as many it is uncertain.

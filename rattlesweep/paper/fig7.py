@@ -27,7 +27,7 @@ from rattlesweep.paper.workspace import (
     thinned,
 )
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.sweeps.types import is_chaotic, wilson
+from rattlesweep.store.types import is_chaotic, wilson
 
 POINT = ["K_r", "n_i", "omega_xy0"]
 # Types in the order of the legend.

@@ -13,12 +13,12 @@ import numpy as np
 
 from rattlesweep.api import modes
 from rattlesweep.arrays import Floats
+from rattlesweep.design.config.schema import SdRanges
 from rattlesweep.paper.claim import EXACT, Count, Measured, every, span
 from rattlesweep.paper.fig3_4 import drawn_bodies
 from rattlesweep.paper.workspace import Made
 from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import Rattleback, shell_dumbbell
-from rattlesweep.sweeps.config.schema import SdRanges
 
 # Number of random bodies for each check.
 SAMPLES = 2000

@@ -14,10 +14,10 @@ import pandas as pd
 from rattlesweep.analysis.report import config_yaml, embedded, render
 from rattlesweep.analysis.style import FAINT, save, save_table, styled
 from rattlesweep.api.arrays import check_names
+from rattlesweep.files import replace_file
 from rattlesweep.paper.claim import UNDECIDED, judge, read_table
 from rattlesweep.paper.workspace import FULL, Tables, Workspace, sweep_config
-from rattlesweep.sweeps.files import replace_file
-from rattlesweep.sweeps.provenance import machine, now, versions
+from rattlesweep.store.provenance import machine, now, versions
 
 # The name that selects the claims about formulas alone.
 THEORY = "theory"

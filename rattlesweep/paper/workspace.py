@@ -14,8 +14,8 @@ from rattlesweep import api
 from rattlesweep.analysis.style import BLUE, thin
 from rattlesweep.api.single import Trajectory
 from rattlesweep.errors import OutputError
+from rattlesweep.files import probe_directory
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.sweeps.files import probe_directory
 
 # Tables by name, and those of all parts by part.
 Tables = Mapping[str, pd.DataFrame]

@@ -21,7 +21,7 @@ from rattlesweep.analysis.fit.doubts import doubts_of_data, doubts_of_residuals
 from rattlesweep.analysis.fit.film import read_film, unwrapped
 from rattlesweep.analysis.fit.scan import searches_of_times
 from rattlesweep.analysis.fit.search import fit_run
-from rattlesweep.sweeps.launches import Launch
+from rattlesweep.design.single import Launch
 
 STONE = ROOT / "configs/fit/stone.yaml"
 DATA = ROOT / "configs/fit/data.csv"

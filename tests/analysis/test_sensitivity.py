@@ -15,7 +15,7 @@ from scipy.stats import sobol_indices
 from sweeping import invoke, sweep
 
 from rattlesweep.analysis.sensitivity import MOST_MISSING, indices, sensitivity
-from rattlesweep.sweeps.bodies.sources import sequence_points
+from rattlesweep.design.bodies.sources import sequence_points
 
 GROUP = 7
 GROUPS = 256

@@ -1,7 +1,7 @@
 """Make the golden sweep anew: `python tests/golden/make.py`.
 
 To be done only where numbers are meant to change, with the reason in the changelog;
-what is compared is in `tests/sweeps/test_golden.py`. `NUMBA_CPU_NAME=generic python
+what is compared is in `tests/work/test_golden.py`. `NUMBA_CPU_NAME=generic python
 tests/golden/make.py FILE` makes it for another type of processor. `--compare` makes no
 file, and says which bits come out here.
 """
@@ -14,10 +14,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from rattlesweep.sweeps.config.read import load_config
-from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.provenance import machine, versions
-from rattlesweep.sweeps.run import integrate_plan
+from rattlesweep.design.config.read import load_config
+from rattlesweep.design.plan import make_plan
+from rattlesweep.store.provenance import machine, versions
+from rattlesweep.work.run import integrate_plan
 
 HERE = Path(__file__).parent
 

@@ -9,9 +9,9 @@ from unittest.mock import patch
 
 import numpy as np
 
-from rattlesweep.sweeps import merging
-from rattlesweep.sweeps.job import Job, Keys
-from rattlesweep.sweeps.run import local
+from rattlesweep.store import merging
+from rattlesweep.work.job import Job, Keys
+from rattlesweep.work.run import local
 
 
 class Stop(Exception):

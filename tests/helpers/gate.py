@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from rattlesweep.integrate.task import Task
-from rattlesweep.sweeps import dask
-from rattlesweep.sweeps.block import compute
+from rattlesweep.work import dask
+from rattlesweep.work.block import compute
 
 _place = Path(os.environ["RATTLESWEEP_TESTS_GATE"])
 _closed = os.environ.get("RATTLESWEEP_TESTS_CLOSED")

@@ -22,9 +22,9 @@ from typing import Any
 import pyarrow as pa
 from nursery import TINY, become
 
-from rattlesweep.sweeps.parquet import read_parquet
-from rattlesweep.sweeps.stored import KEY, open_stored
-from rattlesweep.sweeps.verify import same_bits, verify
+from rattlesweep.store.parquet import read_parquet
+from rattlesweep.store.rows import KEY, open_stored
+from rattlesweep.work.verify import same_bits, verify
 
 # With this threshold some runs of the closed form change type.
 OTHER_TYPES = "classify.sw_departure=1e-6"

@@ -17,7 +17,8 @@ from typing import Any
 from syscalls import Calls
 
 from rattlesweep import cli
-from rattlesweep.sweeps import block, job, merging
+from rattlesweep.store import merging
+from rattlesweep.work import block, job
 
 ROWS = 6  # runs per block, so that small sweeps have several files
 TINY = """\

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.sweeps import columns as tables
-from rattlesweep.sweeps.columns import runs_schema
+from rattlesweep.design import columns as tables
+from rattlesweep.design.columns import runs_schema
 
 SCHEMA = runs_schema(("energy", "contact", "windows"))
 

@@ -15,14 +15,14 @@ import pyarrow.parquet as pq
 from click.testing import CliRunner
 
 from rattlesweep import cli
+from rattlesweep.design.config.read import load_config, parse_config
+from rattlesweep.design.launches import Launches
+from rattlesweep.design.plan import Plan, make_plan
 from rattlesweep.integrate.batch import Batch
-from rattlesweep.sweeps.block import prepare_runs
-from rattlesweep.sweeps.config.read import load_config, parse_config
-from rattlesweep.sweeps.launches import Launches
-from rattlesweep.sweeps.plan import Plan, make_plan
-from rattlesweep.sweeps.run import run_sweep
-from rattlesweep.sweeps.stored import open_stored
-from rattlesweep.sweeps.verify import verify
+from rattlesweep.store.rows import open_stored
+from rattlesweep.work.block import prepare_runs
+from rattlesweep.work.run import run_sweep
+from rattlesweep.work.verify import verify
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"

@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 import rattlesweep as rs
 from rattlesweep.analysis.onerun.channels import CHANNELS
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
+from rattlesweep.design.single import Launch
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.launches import Launch
 
 GH = rs.Rattleback.gh()
 DOP853 = METHODS["dop853"]

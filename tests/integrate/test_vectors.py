@@ -15,7 +15,7 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.block import run_batch
+from rattlesweep.work.block import run_batch
 
 DOP853 = METHODS["dop853"]
 

@@ -17,12 +17,12 @@ from sweeping import PROGRAM, ROOT, invoke
 import rattlesweep as rs
 from rattlesweep import cli, shipped, text
 from rattlesweep.analysis.plots import KINDS
+from rattlesweep.design.config.read import load_config
+from rattlesweep.design.config.schema import ACCURACIES
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.names import ACCURACY_NAMES, MODEL_NAMES, PLOT_NAMES, PRESET_NAMES
 from rattlesweep.physics.body import PRESETS
 from rattlesweep.shipped import example_names
-from rattlesweep.sweeps.config.read import load_config
-from rattlesweep.sweeps.config.schema import ACCURACIES
 
 HEAVY = {
     "numpy",

@@ -13,9 +13,9 @@ from ruamel.yaml import YAML
 from sweeping import invoke
 
 from rattlesweep import quantities
-from rattlesweep.sweeps import columns
-from rattlesweep.sweeps.config.read import load_config, parse_config
-from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.design import columns
+from rattlesweep.design.config.read import load_config, parse_config
+from rattlesweep.design.plan import make_plan
 from rattlesweep.units import KINDS, quantity
 
 ROOT = Path(__file__).parents[2]

@@ -6,7 +6,7 @@ import pytest
 
 import rattlesweep as rs
 from rattlesweep.errors import ConfigWarning
-from rattlesweep.sweeps.verify import verify
+from rattlesweep.work.verify import verify
 
 GH = rs.Rattleback.gh()
 PARAMETERS = ["alpha", "beta", "gamma", "theta", "phi", "xi"]

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import theory_mp
 
+from rattlesweep.design.config.schema import SdRanges
 from rattlesweep.paper import fig3_4, fig5_9, fig7, formulas
 from rattlesweep.paper.claim import judge, judge_claim, read_table
 from rattlesweep.paper.workspace import Sizes, Workspace
 from rattlesweep.physics import full, theory
-from rattlesweep.sweeps.config.schema import SdRanges
 
 
 @pytest.fixture(scope="module")

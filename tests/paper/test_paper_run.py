@@ -15,10 +15,10 @@ from refusal import assert_refused
 from sweeping import ROOT, invoke
 
 from rattlesweep.analysis.style import save
+from rattlesweep.design.config.read import load_config, parse_config, resolved
 from rattlesweep.paper import reproduce as command
 from rattlesweep.paper.reproduce import choose, reproduce
 from rattlesweep.paper.workspace import FULL, QUICK, Sizes, Workspace, sweep_config
-from rattlesweep.sweeps.config.read import load_config, parse_config, resolved
 
 SMALL = Sizes(samples=4, lyapunov=15, windows=30)
 

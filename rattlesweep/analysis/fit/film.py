@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rattlesweep.arrays import Flags, Floats, Places
+from rattlesweep.design.tables import read_table
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.tables import read_table
 from rattlesweep.units import quantity, split
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from rattlesweep.design.bodies.making import KINDS, body_from
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.si import number
 from rattlesweep.quantities import ANGLES
-from rattlesweep.sweeps.bodies.making import KINDS, body_from
 from rattlesweep.units import separate_error
 
 # Keys of bodies with a size that may have an error, and those of bodies without.

@@ -14,12 +14,12 @@ from rattlesweep.analysis.fit.measured import MeasuredBody, Prior
 from rattlesweep.analysis.fit.turns import failure, reversal_times
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
+from rattlesweep.design.single import Launch
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.body import PARAMETERS as BODY
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
 from rattlesweep.quantities import LOSSES, RATE, TIME
-from rattlesweep.sweeps.launches import Launch
 
 LEAST = 1e-3  # of parameters that must be above zero
 STEP = 3e-6  # of the central differences, relative to the scale of a parameter

@@ -12,9 +12,9 @@ import numpy as np
 from rattlesweep.analysis.fit.estimate import Estimate
 from rattlesweep.analysis.fit.problem import PARAMETERS
 from rattlesweep.arrays import Floats
+from rattlesweep.design.config import not_one_of
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.sweeps.config import not_one_of
 
 if TYPE_CHECKING:
     import pandas as pd

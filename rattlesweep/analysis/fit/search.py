@@ -29,10 +29,10 @@ from rattlesweep.analysis.fit.scan import searches_of_times
 from rattlesweep.analysis.fit.series import MOST_STEPS, searches_of_series
 from rattlesweep.analysis.fit.starts import first_values, scales_of, spans
 from rattlesweep.arrays import Floats
+from rattlesweep.design.config import not_one_of
+from rattlesweep.design.single import Launch
 from rattlesweep.errors import ConfigError
 from rattlesweep.quantities import LOSSES
-from rattlesweep.sweeps.config import not_one_of
-from rattlesweep.sweeps.launches import Launch
 from rattlesweep.text import counted
 
 # Times of reversals are fitted to a run that is longer than the last of them.

@@ -12,6 +12,7 @@ import numpy as np
 
 from rattlesweep.analysis.derived import si_of
 from rattlesweep.arrays import Flags, Floats
+from rattlesweep.design.config import not_one_of
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.attitude import HEADING, PLACE, QUATERNION
 from rattlesweep.integrate.lanes.lane import SLIP_ANGLE, SLIP_SPEED, SLIP_WORK
@@ -24,12 +25,11 @@ from rattlesweep.physics.readings import (
     mode_energies,
 )
 from rattlesweep.quantities import ENERGY, FORCE, LENGTH, RATE, SPEED, TIME
-from rattlesweep.sweeps.config import not_one_of
 
 if TYPE_CHECKING:
+    from rattlesweep.design.launches import Launches
     from rattlesweep.integrate.follow import Follower, Samples
     from rattlesweep.physics.si import Units
-    from rattlesweep.sweeps.launches import Launches
 
 FULL = ("full",)
 BOTH = ("full", "reduced")

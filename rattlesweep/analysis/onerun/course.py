@@ -21,7 +21,14 @@ from rattlesweep.analysis.derived import COMMON_FRICTION
 from rattlesweep.analysis.onerun.channels import VARIABLES, View, choose, in_si
 from rattlesweep.analysis.onerun.section import RISES, Search, Section
 from rattlesweep.arrays import Flags, Floats, take
+from rattlesweep.design import columns
+from rattlesweep.design.batches import make_batch, reduced_batch, with_energies
+from rattlesweep.design.columns import build_table
+from rattlesweep.design.launches import prepare
+from rattlesweep.design.models import model_of
+from rattlesweep.design.single import Launch, plan_of
 from rattlesweep.errors import ConfigError
+from rattlesweep.files import streamed_file
 from rattlesweep.integrate.batch import longest_frame_steps
 from rattlesweep.integrate.follow import Follower, Samples
 from rattlesweep.integrate.lanes.lane import SLIP_SPEED, SLIP_WORK
@@ -29,27 +36,15 @@ from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.tableau import DOP853, METHODS, TOL
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.quantities import LOSSES, TIME
-from rattlesweep.sweeps import columns
-from rattlesweep.sweeps.columns import build_table
-from rattlesweep.sweeps.files import streamed_file
-from rattlesweep.sweeps.launches import (
-    Launch,
-    make_batch,
-    model_of,
-    plan_of,
-    prepare,
-    reduced_batch,
-    with_energies,
-)
 from rattlesweep.text import counted
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from rattlesweep.design.config.schema import Config
+    from rattlesweep.design.launches import Launches
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.physics.si import Units
-    from rattlesweep.sweeps.config.schema import Config
-    from rattlesweep.sweeps.launches import Launches
 
 # Columns of rows by name: numbers, and flags of a section.
 Columns: TypeAlias = "dict[str, NDArray[Any]]"

@@ -14,7 +14,7 @@ from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.style import BLUE, GREY, INK, VERMILION, curve
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.files import as_path
+from rattlesweep.files import as_path
 from rattlesweep.text import counted
 
 # Points in a period of the pitch, and the fewest and the most in all.

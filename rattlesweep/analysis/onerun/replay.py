@@ -12,12 +12,14 @@ import pyarrow.compute as pc
 from rattlesweep.analysis.onerun.course import PreparedRun
 from rattlesweep.analysis.where import parse_where
 from rattlesweep.arrays import take
+from rattlesweep.design.batches import make_batch
+from rattlesweep.design.launches import Launches, prepare
+from rattlesweep.design.plan import Plan
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.physics.si import Units
-from rattlesweep.sweeps.launches import Launches, make_batch, prepare
-from rattlesweep.sweeps.plan import Plan, stored_plan
-from rattlesweep.sweeps.stored import Stored, keys_of, open_stored
-from rattlesweep.sweeps.verify import differing_rows
+from rattlesweep.store.manifest import stored_plan
+from rattlesweep.store.rows import Stored, keys_of, open_stored
+from rattlesweep.work.verify import differing_rows
 
 MOST_NAMED = 6  # columns that a message names
 

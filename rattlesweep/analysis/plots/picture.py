@@ -18,11 +18,11 @@ from rattlesweep.analysis import style
 from rattlesweep.analysis.layout import LAUNCH, Axis, Layout
 from rattlesweep.analysis.style import label, value_text
 from rattlesweep.arrays import Floats
+from rattlesweep.design.columns import floats
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.names import REGIMES
-from rattlesweep.sweeps.columns import floats
-from rattlesweep.sweeps.summary import Counts
-from rattlesweep.sweeps.types import codes, share
+from rattlesweep.store.summary import Counts
+from rattlesweep.store.types import codes, share
 
 MOST_PANELS = 40
 LEAST_TITLED = 0.9  # inches of a panel that has room for a title

@@ -1,0 +1,145 @@
+"""One body from a mapping of keys and values, as in a fit's file or in options."""
+
+import math
+from collections.abc import Callable, Mapping
+from inspect import signature
+
+from rattlesweep.design.config import not_one_of
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
+from rattlesweep.quantities import ANGLES
+from rattlesweep.units import require_unit
+
+# Kinds of the keys of bodies with a size.
+KINDS = {
+    "mass": "mass",
+    "weights": "mass",
+    "length": "length",
+    "width": "length",
+    "height": "length",
+    "wall": "length",
+    "at": "length",
+    "radii": "length",
+    "c": "length",
+    "skew": "angle",
+    "axes_angle": "angle",
+    "inertia": "moment of inertia",
+    "gravity": "acceleration",
+}
+# Keys that choose how a body is made.
+WAYS = ("preset", "shape", "mass", "f_sd")
+
+
+def body_from(
+    values: Mapping[str, object],
+    spelled: Callable[[str], str] = str,
+    in_si: bool = False,
+) -> Rattleback:
+    """Return the body of a mapping; raise a ConfigError if no body is described.
+
+    Parameters
+    ----------
+    values : mapping
+        ``preset`` and parameters that replace its own; ``shape: half_ellipsoid`` and
+        the arguments of :meth:`Rattleback.half_ellipsoid`; ``mass`` and the arguments
+        of :meth:`Rattleback.from_si`; ``f_sd`` and those of
+        :meth:`Rattleback.shell_dumbbell`; or those of :class:`Rattleback`.  The skew
+        angle may be given as ``xi``, ``xi_deg`` or ``minus_xi_deg``.
+    spelled : callable
+        Returns how messages spell a key, such as an option of a command.
+    in_si : bool
+        Whether numbers of bodies with a size are in SI units; otherwise each needs a
+        unit, as a person who writes ``mass: 60`` may mean grams.
+    """
+    values = _with_skew_in_radians(dict(values), spelled)
+    way, make = _maker(values)
+    # The keys that may be given, and whether they must: the arguments of the function,
+    # but for those of a Rattleback that follow from how it is made.
+    required = {
+        key: parameter.default is parameter.empty
+        for key, parameter in signature(make).parameters.items()
+        if key not in ("rim", "units")
+    }
+    if way == "preset":
+        # `replace` names no arguments of its own.
+        required = dict.fromkeys((*PARAMETERS, "c"), False)
+    if way == "f_sd":
+        # A shell-dumbbell body gets its c afterwards.
+        required["c"] = False
+    for key in values:
+        if key in required:
+            continue
+        if key in (*KINDS, *WAYS, *PARAMETERS, "z_up"):
+            chosen = "a body by its parameters" if way not in WAYS else spelled(way)
+            raise ConfigError(
+                f"{spelled(key)} does not go with {chosen}; leave one of them out"
+            )
+        known = [spelled(each) for each in dict.fromkeys((*required, *WAYS))]
+        raise ConfigError(not_one_of(spelled(key), known))
+    for key, is_required in required.items():
+        if is_required and key not in values:
+            sentence = f"{spelled(key)} is missing; add it"
+            if make is Rattleback:
+                *ways, last = map(spelled, WAYS)
+                sentence += f", or give {', '.join(ways)} or {last}"
+            raise ConfigError(sentence)
+    if way in ("shape", "mass") and not in_si:
+        for key, value in values.items():
+            if key in KINDS:
+                require_unit(spelled(key), value, KINDS[key])
+    semi_axis = None
+    if way == "f_sd":
+        semi_axis = values.pop("c", None)
+    try:
+        body = make(**values)
+        if semi_axis is not None:
+            body = body.replace(c=semi_axis)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(str(error)) from None
+    return body
+
+
+def _maker(values: dict[str, object]) -> tuple[str, Callable[..., Rattleback]]:
+    """Return which of `WAYS` the keys choose, and the function that makes the body.
+
+    Keys that are no arguments of this function are removed from `values`.  Without any
+    of `WAYS`, the keys are those of a :class:`Rattleback`.
+    """
+    if "preset" in values:
+        return "preset", preset_of(values.pop("preset"), "preset").replace
+    if "shape" in values:
+        shape = values.pop("shape")
+        if shape != "half_ellipsoid":
+            raise ConfigError(f"shape: {not_one_of(shape, ['half_ellipsoid'])}")
+        return "shape", Rattleback.half_ellipsoid
+    if "mass" in values:
+        return "mass", Rattleback.from_si
+    if "f_sd" in values:
+        return "f_sd", Rattleback.shell_dumbbell
+    return "parameters", Rattleback
+
+
+def preset_of(name: object, where: str) -> Rattleback:
+    """Return the body of a name; messages of errors begin with `where`."""
+    if isinstance(name, str) and name in PRESETS:
+        return PRESETS[name]()
+    raise ConfigError(f"{where}: {not_one_of(name, PRESETS)}")
+
+
+def _with_skew_in_radians(
+    values: dict[str, object], spelled: Callable[[str], str]
+) -> dict[str, object]:
+    """Return values with the skew angle as ``xi``."""
+    names = [name for name in ("xi", *ANGLES) if name in values]
+    if len(names) > 1:
+        listed = " and ".join(map(spelled, names))
+        raise ConfigError(f"{listed} exclude each other; keep one")
+    for name, sign in ANGLES.items():
+        if name in values:
+            degrees = values.pop(name)
+            if isinstance(degrees, bool) or not isinstance(degrees, int | float):
+                raise ConfigError(
+                    f"{spelled(name)}: {degrees!r} is not a number; give degrees"
+                )
+            values["xi"] = sign * math.radians(degrees)
+    return values

@@ -1,0 +1,54 @@
+"""The equations that a config asks for, and the constants that they take."""
+
+import numpy as np
+
+from rattlesweep.arrays import Floats
+from rattlesweep.design.bodies import Bodies
+from rattlesweep.design.config.schema import Config
+from rattlesweep.errors import ConfigError
+from rattlesweep.integrate.model import (
+    FRICTION,
+    FRICTIONLESS,
+    MODELS,
+    SLIDING,
+    Model,
+)
+from rattlesweep.physics import full, surface
+from rattlesweep.physics.surface import Surface
+from rattlesweep.quantities import SURFACES
+
+
+def surface_constant(bodies: Bodies, of_surface: Surface) -> Floats:
+    """Return the further constant of a surface as models take it; 0 for paraboloids."""
+    name = SURFACES[of_surface.name]
+    none = np.full(len(bodies.alpha), np.nan)
+    values = none if name is None else bodies.further.get(name, none)
+    return of_surface.constant(values)
+
+
+def constants_of(bodies: Bodies) -> Floats:
+    """Return the six constants of the full equations; shape (6, bodies)."""
+    return full.constants(
+        bodies.alpha, bodies.beta, bodies.gamma, bodies.theta, bodies.phi, bodies.xi
+    )
+
+
+def model_of(config: Config) -> Model:
+    """Return the equations that a sweep integrates; the model gh has none."""
+    if config.model != "full":
+        return MODELS[config.model]
+    return full_model_of(config)
+
+
+def full_model_of(config: Config) -> Model:
+    """Return the equations of a config for `model: full`."""
+    name = surface.SURFACES[config.bodies.bottom].model
+    law = config.dissipation.law
+    model = FRICTIONLESS[name] if law is None else FRICTION[name, law]
+    if config.dissipation.slides:
+        model = SLIDING[model.name]
+    if "volume" in config.record and model.volume is None:
+        raise ConfigError(
+            f"record: the phase volume of {model.name} is not known; leave volume out"
+        )
+    return model

@@ -1,0 +1,210 @@
+"""From a config to its cases and samples, with the source of their bodies.
+
+The row of a run follows from the config and its key alone.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from rattlesweep.arrays import Floats
+from rattlesweep.design.bodies import Source
+from rattlesweep.design.bodies.sources import make_source
+from rattlesweep.design.bodies.table import TableBodies, check_value
+from rattlesweep.design.cases import MAX_RUNS, Case, Design
+from rattlesweep.design.columns import STATE, runs_schema
+from rattlesweep.design.config.clashes import SETTING_KEYS, clashes
+from rattlesweep.design.config.schema import Config, SdSource, TableSource
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics.si import Units
+from rattlesweep.physics.theory import spin_and_oscillation
+from rattlesweep.quantities import LOSSES
+from rattlesweep.units import Setting
+
+MOST_SIZES = 64  # bodies that are looked at to see whether their sizes differ
+NO_END = np.array([np.nan])  # horizon of launches that have none of their own
+Values = dict[str, list[Setting]]  # by column, empty where the table has them
+LAUNCH = ("n_i", "omega_xy0")
+
+
+@dataclass(frozen=True)
+class Plan(Design):
+    """The runs of a config, with the source of their bodies."""
+
+    source: Source
+
+    @cached_property
+    def targets(self) -> Floats:
+        """Target of each case, NaN without one."""
+        return np.array([case.target for case in self.cases], float)
+
+
+def make_plan(
+    config: Config, base: Path | None = None, rows: TableBodies | None = None
+) -> Plan:
+    """Return the plan of a config.
+
+    A table of bodies is `rows`, or else it is searched for here and in `base`.
+    """
+    source = make_source(config, base, rows)
+    table: Mapping[str, Floats] = {}
+    if isinstance(source, TableBodies):
+        table = source.columns
+        config = _with_losses(config, source.losses)
+    runs_schema(config.parts, config.model)  # refuses what the model cannot record
+    values = _natural(config, source)
+    launches, n_i = _launches(config, table, values)
+    is_state = "u_x" in table or ("n_i" not in table and config.launch is not None)
+    _check_launches(config, is_state, n_i, _own_ends(table))
+    targets: list[tuple[str | None, float | None]] = [(None, None)]
+    if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
+        target = config.bodies.target
+        targets = [(target.name, value) for value in target.values]
+    losses: list[dict[str, Setting]] = [{}]
+    if config.dissipation:
+        losses = _combinations(config.dissipation.values, values)
+    cases: list[Case] = []
+    for (name, value), launch, loss in product(targets, launches, losses):
+        cases.append(Case.of(len(cases), name, value, launch | loss))
+    extra = source.fields
+    if is_state:
+        extra = STATE + extra
+    plan = Plan(config, tuple(cases), source.samples, extra, source)
+    if plan.runs > MAX_RUNS:
+        size = f"{len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs"
+        limit = f"at most {MAX_RUNS:.0e} are possible in one sweep"
+        raise ConfigError(f"bodies: {size}; {limit}")
+    return plan
+
+
+def _launches(
+    config: Config, table: Mapping[str, Floats], values: Values
+) -> tuple[list[dict[str, Setting]], Floats]:
+    """Return the launches of the cases, and all their spins.
+
+    A launch is empty where each row of the table has its own.
+    """
+    if "n_i" in table:
+        return [{}], table["n_i"]
+    if config.launch is not None:
+        spin, swing, *_ = spin_and_oscillation(config.launch.omega, config.launch.u)
+        launch = {"n_i": Setting(float(spin)), "omega_xy0": Setting(float(swing))}
+        return [launch], np.array([spin])
+    if config.spin is not None:
+        return _combinations(LAUNCH, values), np.array(config.spin.n_i)
+    lacks = "the table has no columns n_i and omega_xy0"
+    raise ConfigError(f"spin: missing; {lacks}, so the config must give them")
+
+
+def _own_ends(table: Mapping[str, Floats]) -> Floats:
+    """Return the horizons that a table gives its launches, NaN where it has none."""
+    ends = table.get("t_end", NO_END)
+    if "n_i" in table:
+        return ends
+    # Each launch of the config meets each row, so the rows that have none count.
+    return np.array([ends.min()])
+
+
+def _combinations(names: Iterable[str], values: Values) -> list[dict[str, Setting]]:
+    """Return every combination of the values of some columns."""
+    names = list(names)
+    combinations = product(*(values[name] for name in names))
+    return [dict(zip(names, each, strict=True)) for each in combinations]
+
+
+def _with_losses(config: Config, columns: Mapping[str, list[float | str]]) -> Config:
+    """Return the config with the dissipation of a table's columns."""
+    for name in LOSSES:
+        values = config.settings.get(name, [])
+        if Setting() in values and name not in columns:
+            lacks = f"the table has no column {name}; give a number"
+            raise ConfigError(f"dissipation.{name}: {lacks}")
+        if len(values) > 1 and name in columns:
+            both = f"there are several values, and the table has a column {name}"
+            raise ConfigError(f"dissipation.{name}: {both}; keep one of them")
+    losses = config.dissipation.model_copy(update=dict(columns))
+    config = config.model_copy(update={"dissipation": losses})
+    if columns:
+        # Rules between keys were checked without these columns.
+        problems = [f"{key}: {problem}" for key, problem in clashes(config)]
+        where = ""
+        if isinstance(config.bodies, TableSource) and config.bodies.path:
+            # Otherwise they are arguments of a call.
+            where = f"bodies.path: with {' and '.join(columns)} of the table: "
+        if problems:
+            raise ConfigError(f"{where}{problem}" for problem in problems)
+    return config
+
+
+def _natural(config: Config, source: Source) -> Values:
+    """Return spins and losses in units of the bodies.
+
+    Where the bodies differ in size, a list that has units stays in SI units.
+    """
+    if not config.in_si:
+        return config.settings
+    count = source.samples
+    if not isinstance(source, TableBodies):
+        count = min(count, MOST_SIZES)
+    units = source.bodies(np.nan, np.arange(count)).units
+    natural: Values = {}
+    for name, values in config.settings.items():
+        converted = [_convert(name, value, units) for value in values]
+        if any(value.si is not None and value.natural is None for value in converted):
+            if any(value.si is None for value in values):
+                differ = "the sizes of the bodies differ, and some values have no unit"
+                advice = "give all of them with units, or none"
+                raise ConfigError(f"{SETTING_KEYS[name]}: {differ}; {advice}")
+            converted = values
+        natural[name] = converted
+    return natural
+
+
+def _convert(name: str, value: Setting, units: Units | None) -> Setting:
+    """Return a value also in units of the bodies, unless that differs between them."""
+    if value.si is None:
+        return value
+    key = f"{SETTING_KEYS[name]}: {value.si.text}"
+    natural = np.array([np.nan])
+    if units is not None:
+        natural = np.atleast_1d(units.natural(value.si, value.si.kind))
+    if np.isnan(natural).any():
+        advice = "give columns height_m and mass_kg"
+        raise ConfigError(
+            f"{key} needs the size of the bodies; {advice}, or a number in the "
+            "bodies' own units"
+        )
+    broken = check_value(name, natural)
+    if broken is not None:
+        place, problem = broken
+        size = f"is {natural[place]:g} in units of the body"
+        raise ConfigError(f"{key} {size}; {problem}")
+    if natural.min() < natural.max():
+        return value
+    return Setting(float(natural[0]), value.si)
+
+
+def _check_launches(
+    config: Config, is_state: bool, n_i: Floats, own_end: Floats
+) -> None:
+    """Refuse launches that the model cannot have, or that have no horizon."""
+    model = config.model
+    horizon = config.horizon
+    if model != "full" and is_state:
+        advice = "full states are for the model full"
+        raise ConfigError(f"model: {model} begins with a spin; {advice}")
+    if model == "gh" and (n_i == 0).any():
+        advice = "use full or reduced"
+        raise ConfigError(f"model: gh begins with a spin, and n_i is 0; {advice}")
+    endless = (n_i == 0) & ~np.isfinite(own_end)
+    if horizon.t is None and horizon.t_decay is None and endless.any():
+        which = ""
+        if len(n_i) > 1:
+            which = f" ({np.argmax(endless) + 1} of {len(n_i)})"
+        lacks = f"a launch without spin{which} has no t_rGH"
+        advice = "give horizon: {t: TIME} in sqrt(a/g)"
+        raise ConfigError(f"horizon.t: missing; {lacks}, so {advice}")

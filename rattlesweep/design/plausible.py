@@ -1,0 +1,160 @@
+"""Doubts about a plan: theory judges a sample of the runs before they begin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from rattlesweep.arrays import Flags, Floats
+from rattlesweep.design.bodies import Bodies
+from rattlesweep.design.bodies.sources import bodies_at, ranges_of
+from rattlesweep.design.bodies.table import TableBodies
+from rattlesweep.design.config.schema import Config, SdSource, Target
+from rattlesweep.design.launches import Launches, prepare
+from rattlesweep.design.plan import Plan
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics import theory
+from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.quantities import SURFACES
+from rattlesweep.tails import LEAST_INDEX, tail_index
+
+MOST_RUNS = 4096  # runs that are judged
+BODIES_DRAWN = 65_536  # bodies drawn to find the range of a target's coefficient
+SEED = 2017
+NEARLY_ZERO = 1e-12  # of the largest spin
+
+
+def check_physics(plan: Plan) -> list[str]:
+    """Return warnings about a plan; raise a ConfigError if no run of it makes sense."""
+    config = plan.config
+    which = f"the {plan.runs} runs"
+    with config.locating(), np.errstate(all="ignore"):
+        if isinstance(config.bodies, SdSource):
+            which = f"{MOST_RUNS} runs drawn from the ranges"
+            plan = replace(plan, source=_drawn_bodies(config.bodies), samples=MOST_RUNS)
+        elif plan.runs > MOST_RUNS:
+            which = f"{MOST_RUNS} of the {plan.runs} runs"
+        judged = min(plan.runs, MOST_RUNS)
+        numbers = np.linspace(0, plan.runs - 1, judged).astype(np.int64)
+        case, sample = np.divmod(numbers, plan.samples)
+        launches = prepare(plan, case, sample)
+        warnings = [*_doubts(config, launches, which), *_near_taps(config, launches)]
+        return [config.located(warning) for warning in warnings]
+
+
+def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
+    """Yield warnings about horizons; raise a ConfigError if no run has one."""
+    horizon = config.horizon
+    t_rgh = launches.gh.t_rgh
+    is_endless = ~np.isfinite(launches.horizon)
+    # False without spin, where t_rGH is NaN.
+    is_early = launches.horizon < t_rgh
+    if is_endless.any():
+        name = "t_decay"
+        unit = "gamma/sigma"
+        if horizon.t_rgh:
+            name = "t_rgh"
+            unit = "t_rGH"
+        problem = (
+            f"horizon.{name}: {name} times {unit} is not a finite time in "
+            f"{_how_many(is_endless, which)}; give t as well"
+        )
+        if is_endless.all():
+            raise ConfigError(problem)
+        yield problem
+    yield from _doubts_of_means(config, launches)
+    if not is_endless.any() and is_early.mean() >= 0.5 and horizon.t_decay is None:
+        key = "horizon.t_rgh"
+        if launches.bodies.t_end is not None:
+            key = "bodies.path"
+        elif horizon.t:
+            key = "horizon.t"
+        yield (
+            f"{key}: the horizon comes before t_rGH, the reversal time of theory, in "
+            f"{_how_many(is_early, which)}, so few will be of type R; give t_rgh above "
+            f"1, or t above {np.nanmedian(t_rgh):.3g}, the median of t_rGH"
+        )
+
+
+def _doubts_of_means(config: Config, launches: Launches) -> Iterator[str]:
+    """Yield a warning if reversal times of theory have no mean, and a mean is asked."""
+    if config.stop is None or config.stop.t_r is None:
+        return
+    t_rgh = launches.gh.t_rgh
+    index = tail_index(t_rgh[t_rgh < launches.horizon])
+    if index < LEAST_INDEX:
+        yield (
+            "stop.t_r: the mean of t_r may not exist, as t_rGH goes as 1/xi and its "
+            f"tail index is {index:.2g}, below {LEAST_INDEX:g}; such cases run "
+            "all samples; give t_r_median, or skews that are not close to 0"
+        )
+
+
+def _near_taps(config: Config, launches: Launches) -> Iterator[str]:
+    """Yield a question about spins that seem to be rounding errors of zero."""
+    key = "spin.n_i"
+    if launches.bodies.n_i is not None:
+        key = "bodies.path"
+    # The spin of a full state is computed, and need not be zero to the last bit.
+    if launches.bodies.omega is None:
+        question = near_tap(launches.n_i)
+        if question is not None:
+            yield f"{key}: {question}"
+
+
+def near_tap(n_i: Floats) -> str | None:
+    """Return a question about a spin that is tiny beside the others, None without.
+
+    A tap, whose spin is zero, and a launch whose spin is 1e-16 of others reverse at
+    quite other times.
+    """
+    size = np.abs(n_i)
+    tiny = (size > 0) & (size < NEARLY_ZERO * size.max(initial=0))
+    if not tiny.any():
+        return None
+    first = n_i[np.argmax(tiny)]
+    return (
+        f"{first:.3g} is a rounding error beside {size.max():.3g}; is 0 meant, a tap?"
+    )
+
+
+def _how_many(mask: Flags, which: str) -> str:
+    """Return how many of `which` runs a mask selects, in words."""
+    if len(mask) == 1:
+        return "the only run"
+    if mask.all():
+        return f"all of {which}"
+    return f"{mask.sum()} of {which}"
+
+
+def _drawn_bodies(source: SdSource) -> TableBodies:
+    """Return bodies drawn by NumPy, without targets.
+
+    For a target the sampler may take hours.
+    """
+    ranges = ranges_of(source)
+    points = np.random.default_rng(SEED).random((len(ranges), BODIES_DRAWN))
+    bodies = bodies_at(points, ranges, SURFACES[source.bottom])
+    if source.target is not None:
+        _check_reach(bodies, source.target)
+    columns = {name: getattr(bodies, name) for name in (*PARAMETERS, "f_sd")}
+    return TableBodies(columns | bodies.further)
+
+
+def _check_reach(bodies: Bodies, target: Target) -> None:
+    """Raise a ConfigError if no body comes near a value of a target."""
+    *_, K_p, K_r = theory.torque_coefficients(
+        bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi
+    )
+    coefficient = K_p if target.name == "K_p" else K_r
+    low = np.nanmin(coefficient)
+    high = np.nanmax(coefficient)
+    for value in target.values:
+        if abs(value - np.clip(value, low, high)) > target.rel_tol * value:
+            raise ConfigError(
+                f"bodies.target.{target.name}: {value:g} is out of reach: in "
+                f"{BODIES_DRAWN} bodies drawn from the ranges {target.name} lies "
+                f"between {low:.4g} and {high:.4g}"
+            )

@@ -1,0 +1,119 @@
+"""The plan of one run, or of rows in memory, without a config file."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rattlesweep.arrays import Floats
+from rattlesweep.design.bodies.table import TableBodies
+from rattlesweep.design.config import not_one_of
+from rattlesweep.design.config.read import parse_config
+from rattlesweep.design.config.schema import DIRECTIONS, TableSource
+from rattlesweep.design.plan import Plan, make_plan
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics import theory
+from rattlesweep.physics.body import PARAMETERS, Rattleback
+
+
+@dataclass(frozen=True)
+class Launch:
+    """One run, with the keys of a config (but ``dt_step``) and a default horizon of 5
+    t_rGH.
+
+    In the reduced model `e_p0` and `e_r0` replace the initial energies of the modes, in
+    ``M g a``.
+    """
+
+    body: Rattleback
+    n_i: float | None = None
+    omega_xy0: float | None = None
+    t_end: float | None = None
+    psi: str | float | None = None
+    model: str = "full"
+    integrator: Mapping[str, object] = field(default_factory=dict)
+    e_p0: float | None = None
+    e_r0: float | None = None
+    omega: Sequence[float] | None = None
+    u: Sequence[float] | None = None
+    losses: Mapping[str, float] = field(default_factory=dict)
+    record: Sequence[str] = ()
+
+
+def is_full_state(omega: object, u: object, spin: Mapping[str, object]) -> bool:
+    """Return whether a launch is a full state; raise if it also has a spin, or lacks
+    omega.
+    """
+    if omega is None and u is None:
+        return False
+    if given := " and ".join(name for name, value in spin.items() if value is not None):
+        advice = "keep omega and u, or n_i, omega_xy0 and psi"
+        raise ConfigError(f"{given} given with a full state; {advice}")
+    if omega is None:
+        raise ConfigError("omega: missing; a full state has omega and u")
+    return True
+
+
+def directions(columns: Mapping[str, Floats], psi: str) -> Floats:
+    """Return the directions of the oscillations of rows, by a word for the mode."""
+    if psi not in DIRECTIONS:
+        raise ConfigError(f"psi: {not_one_of(psi, DIRECTIONS)}, or give degrees")
+    names = ("alpha", "beta", "theta", "phi", "xi")
+    modes = theory.modes(*(columns[name] for name in names))
+    return theory.direction(modes, columns["n_i"], psi)
+
+
+def plan_of(run: Launch) -> Plan:
+    """Return the plan of one run."""
+    names = (*PARAMETERS, "c")  # without c, which is None, a NaN
+    rows = TableBodies(
+        {name: np.array([getattr(run.body, name)], float) for name in names}
+    )
+    if run.body.rim is not None:
+        rows.carried["rim"] = np.array([run.body.rim])
+    spin = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
+    if is_full_state(run.omega, run.u, spin):
+        launch: dict[str, object] = {"launch": {"omega": run.omega, "u": run.u}}
+    elif run.t_end is None and run.n_i == 0:
+        raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
+    else:
+        launch = {"spin": spin}
+    horizon = {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end}
+    keys = {"horizon": horizon, "dissipation": dict(run.losses), **launch}
+    return plan_of_rows(rows, run.model, run.integrator, run.record, keys)
+
+
+def plan_of_rows(
+    rows: TableBodies,
+    model: str,
+    integrator: Mapping[str, object],
+    record: Sequence[str],
+    keys: Mapping[str, object],
+) -> Plan:
+    """Return the plan of bodies in memory, by default up to 5 t_rGH.
+
+    `keys` are further keys of a config; without them, the rows have launches.
+    """
+    steps = {
+        "dt" if name == "dt_step" else name: value
+        for name, value in integrator.items()
+        if value is not None
+    }
+    try:
+        config = parse_config(
+            {"model": model, "integrator": steps, "record": list(record), **keys},
+            bodies=TableSource.in_memory(rows.surface),
+        )
+    except ConfigError as error:
+        raise ConfigError(map(_of_arguments, error.messages)) from None
+    return make_plan(config, rows=rows)
+
+
+def _of_arguments(message: str) -> str:
+    """Return a message about a key of the integrator, as it is named in calls."""
+    message = message.removeprefix("integrator.")
+    if message.startswith("dt: "):
+        # The rows of a trajectory are ``dt`` apart.
+        return re.sub(r"\bdt\b", "dt_step", message)
+    return message

@@ -1,0 +1,152 @@
+"""Merge the directories of one sweep, such as those of its shards."""
+
+import contextlib
+import filecmp
+import os
+import shutil
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import pyarrow as pa
+
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.files import check_place, explained, open_regular, streamed_file
+from rattlesweep.store.decide import wanted_runs
+from rattlesweep.store.locks import hold
+from rattlesweep.store.manifest import check_empty, check_same
+from rattlesweep.store.rows import MANIFEST, Stored, free_path, open_stored
+from rattlesweep.store.summary import write_summary
+from rattlesweep.text import counted
+
+FICLONE = 0x40049409  # the request of Linux by which two files share their blocks
+
+
+class Merged(NamedTuple):
+    """Contents of the merged directory."""
+
+    runs: int
+    files: int
+    missing: int
+    failed: int
+    summary: pa.Table | None  # None if runs are missing
+
+
+def merge(directories: Sequence[Path], output: Path, link: bool = False) -> Merged:
+    """Copy the runs of directories of one sweep into `output`.
+
+    That is a new directory, or one that has runs of the same sweep. With `link`, its
+    files are hard links to those of the directories, where the system can make them.
+    """
+    sources = _sources(directories, output)
+    largest = max(sources, key=lambda stored: stored.shape)
+    for stored in sources:
+        check_same(stored, largest)
+        _check_part(stored, largest)
+    with contextlib.ExitStack() as stack:
+        for directory in directories:
+            if os.access(directory, os.W_OK):  # a read-only directory has no writers
+                stack.enter_context(hold(directory))
+        if output.exists():
+            stack.enter_context(hold(output))
+        merged = replace(largest, directory=output)
+        new = _new_files(sources, merged)
+        on_disk = merged.find([*merged.files(), *new])
+        if on_disk.damaged:
+            advice = "do its runs again before merging"
+            raise OutputError(f"{on_disk.damaged[0]} is damaged; {advice}")
+        if len(on_disk.typed) > 1:
+            differing = " and ".join(str(paths[0]) for paths in on_disk.typed.values())
+            problem = "have types of different thresholds"
+            raise ConfigError(f"{differing} {problem}; run `rattlesweep classify`")
+        # What is refused leaves nothing behind, so a new directory is made only now.
+        with explained(f"cannot write in {output}"):
+            if not output.exists():
+                output.mkdir(parents=True)
+                stack.enter_context(hold(output))
+            merged.folder.mkdir(exist_ok=True)
+        merged.write_manifest()
+        for path in new:
+            _add(path, merged, link)
+        missing = int((wanted_runs(merged, on_disk) & ~on_disk.done).sum())
+        summary = None if missing else write_summary(merged)
+    failed = on_disk.rows - on_disk.status["ok"]
+    return Merged(on_disk.rows, len(merged.files()), missing, failed, summary)
+
+
+def _sources(directories: Sequence[Path], output: Path) -> list[Stored]:
+    """Return the sweeps to merge, with that of `output` if it has one."""
+    distinct = {directory.resolve() for directory in (output, *directories)}
+    if len(distinct) <= len(directories):
+        advice = "give each once, and another as --output"
+        raise ConfigError(f"a directory is given twice; {advice}")
+    sources = [open_stored(directory) for directory in directories]
+    if (output / MANIFEST).exists():
+        sources.append(open_stored(output))
+    else:
+        check_empty(output)
+    return sources
+
+
+def _new_files(sources: Sequence[Stored], merged: Stored) -> list[Path]:
+    """Return the files of rows that the merged directory does not have."""
+    new = []
+    for stored in sources:
+        for path in stored.files():
+            # The file itself, or one that was left by a merge that was killed.
+            twin = merged.folder / path.name
+            is_there = twin.exists() and (
+                twin.samefile(path) or filecmp.cmp(path, twin, shallow=False)
+            )
+            if not is_there:
+                new.append(path)
+    return new
+
+
+def _check_part(stored: Stored, largest: Stored) -> None:
+    """Raise an OutputError if a sweep is no part of the largest one."""
+    how = None
+    for case, other in zip(stored.cases, largest.cases, strict=False):
+        if case != other:
+            differ = f"case {case.index} is {case} there and {other} here"
+            how = f"numbers its cases differently than {largest.directory} ({differ})"
+            break
+    if how is None and stored.samples > largest.samples:
+        counts = f"{stored.samples} samples of {counted(len(stored.cases), 'case')}"
+        others = f"{largest.samples} of {counted(len(largest.cases), 'case')}"
+        how = f"has {counts}, and {largest.directory} {others}"
+    if how is not None:
+        advice = "these are two sweeps; merge directories that were run by one config"
+        raise OutputError(f"{stored.directory} {how}: {advice}")
+
+
+def _add(path: Path, merged: Stored, link: bool) -> None:
+    """Add a file to the merged directory."""
+    target = free_path(merged.folder / path.name)
+    check_place(target)
+    if link:
+        with contextlib.suppress(OSError):
+            # A link to a link would end with it.
+            os.link(path.resolve(), target)
+            return
+    with open_regular(path) as file, streamed_file(target, merged.directory) as copy:
+        if not _share(file, copy):
+            shutil.copyfileobj(file, copy)
+
+
+def _share(file: BinaryIO, copy: BinaryIO) -> bool:
+    """Let a copy share the blocks of a file on disk until one of them changes.
+
+    Return whether the file system can.
+    """
+    if sys.platform != "linux":
+        return False
+    import fcntl
+
+    try:
+        fcntl.ioctl(copy.fileno(), FICLONE, file.fileno())
+    except OSError:
+        return False
+    return True

@@ -1,1 +1,0 @@
-"""Sweeps: from a config to rows on disk."""

@@ -1,0 +1,1 @@
+"""Who computes it: blocks, jobs, engines, verification."""

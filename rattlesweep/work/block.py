@@ -1,0 +1,488 @@
+"""Compute a block: from the keys of its runs to their rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, NamedTuple, TypeAlias, cast
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from rattlesweep.arrays import Flags, Floats, Integers, scatter, take
+from rattlesweep.design.batches import ending_early, make_batch
+from rattlesweep.design.bodies import Bodies
+from rattlesweep.design.columns import (
+    GROUPS,
+    SIZE_GROUP,
+    STATE_GROUP,
+    Values,
+    build_table,
+    ragged,
+)
+from rattlesweep.design.config.schema import Config
+from rattlesweep.design.launches import Launches, prepare
+from rattlesweep.design.models import model_of
+from rattlesweep.design.plan import Plan
+from rattlesweep.integrate import batch as integration
+from rattlesweep.integrate.batch import Batch, Outcome
+from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
+from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import DT, METHODS, TOL
+from rattlesweep.integrate.task import Control, Task
+from rattlesweep.names import REGIMES
+from rattlesweep.physics import steady
+from rattlesweep.physics.theory import damping_rates, unsteady
+from rattlesweep.store import regimes
+from rattlesweep.store.decide import Refining
+from rattlesweep.store.types import TYPES, classify, is_chaotic, sure_types
+from rattlesweep.work.error import Estimated, fit_of, integrate_estimated
+
+Prepared: TypeAlias = tuple[Launches, Batch | None]  # no batch for the closed form
+STATUS_WORDS = [status.label for status in Status]
+
+
+def check_computable(plan: Plan) -> None:
+    """Raise a ConfigError now, before a file is written, for runs that none can do."""
+    config = plan.config
+    if config.refine is not None:
+        Refining(plan)
+    if config.model != "gh":
+        model_of(config)
+    if "error" in config.record:
+        fit_of(config)
+
+
+def load_kernel(config: Config) -> None:
+    """Load the kernels that the runs of a config need."""
+    if config.model == "gh":
+        return
+    method = config.integrator.method
+    model = model_of(config).name
+    integration.kernel(method, model, config.record)
+    if "error" in config.record:
+        # Companions record nothing.
+        integration.kernel(method, model)
+
+
+def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> Prepared:
+    """Return the bodies, theory and initial states of runs; this needs no kernel."""
+    launches = prepare(plan, case, sample)
+    batch = make_batch(launches, plan.config.model)
+    if batch is not None and plan.config.classify.early:
+        batch = ending_early(batch, launches)
+    return launches, batch
+
+
+def compute(
+    config: Config,
+    schema: pa.Schema,
+    prepared: Prepared,
+    threads: int | None = None,
+    control: Control | None = None,
+) -> pa.Table:
+    """Integrate and type prepared runs; return the rows of those that ended."""
+    launches, batch = prepared
+    outcome = None
+    if batch is not None:
+        outcome = run_batch(config, batch, threads, control)
+        if outcome.stopped:
+            ended = outcome.status != Status.STOPPED
+            if not ended.any():
+                return schema.remove_metadata().empty_table()
+            launches = take(launches, ended)
+            batch = take(batch, ended)
+            outcome = take(outcome, ended)
+    return build_table(columns_of(config, launches, batch, outcome), schema)
+
+
+def start_block(
+    plan: Plan, prepared: Prepared, threads: int | None = None
+) -> Task[pa.Table]:
+    """Start to compute prepared runs in a thread of their own."""
+    return Task(partial(compute, plan.config, plan.schema, prepared, threads))
+
+
+def run_batch(
+    config: Config,
+    batch: Batch,
+    threads: int | None = None,
+    control: Control | None = None,
+) -> Outcome:
+    """Integrate the runs that have a horizon; others have the status ``no_horizon``."""
+    has_horizon = np.isfinite(batch.t_end) & (batch.t_end > 0)
+    if has_horizon.all():
+        return _integrate(config, batch, threads, control)
+    outcome = _integrate(config, take(batch, has_horizon), threads, control)
+    outcome = scatter(outcome, has_horizon)
+    outcome.status[~has_horizon] = Status.NO_HORIZON
+    outcome.t_end[~has_horizon] = 0.0
+    return outcome
+
+
+def _integrate(
+    config: Config, batch: Batch, threads: int | None, control: Control | None
+) -> Outcome:
+    control = control or Control()
+    if "error" in config.record:
+        estimated: Outcome = integrate_estimated(config, batch, threads, control)
+        return estimated
+    settings = config.integrator
+    return integration.integrate(
+        batch,
+        METHODS[settings.method],
+        model_of(config),
+        tol=settings.tol or TOL,
+        dt=settings.dt or DT,
+        max_steps=settings.max_steps,
+        record=frozenset(config.record),
+        threads=threads,
+        control=control,
+    )
+
+
+def columns_of(
+    config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
+) -> dict[str, Values]:
+    """Return the columns of runs; without an outcome, by the closed form.
+
+    Each column of :mod:`rattlesweep.design.columns` names its source here.
+    """
+    results = Results(config, launches, batch, outcome or closed_form(launches))
+    groups = [
+        group for group in GROUPS if not group.optional or group.name in config.parts
+    ]
+    if launches.bodies.omega is not None:
+        groups.append(STATE_GROUP)
+    if launches.bodies.units is not None:
+        groups.append(SIZE_GROUP)
+    columns: dict[str, Values] = {}
+    for group in groups:
+        for column in group.columns:
+            columns[column.name] = _value_at(results, column.source)
+    return columns | launches.bodies.carried
+
+
+def _value_at(results: Results, source: str) -> Values:
+    """Return what a dotted path leads to, by attributes and the keys of mappings."""
+    value: Any = results
+    for name in source.split("."):
+        value = value[name] if isinstance(value, Mapping) else getattr(value, name)
+    return cast("Values", value)
+
+
+def _descending(exponents: Floats) -> pa.Array:
+    is_known = np.isfinite(exponents).all(axis=1)
+    counts = np.where(is_known, exponents.shape[1], -1)
+    return ragged(-np.sort(-exponents, axis=1), counts)
+
+
+@dataclass(frozen=True)
+class ClosedForm:
+    """What Garcia and Hubbard's theory says of runs, by the names of an `Outcome`."""
+
+    t_end: Floats
+    t_r: Floats
+    n_end: Floats
+    energy_drift: Floats
+    amp_growth: Floats
+    n_departure: Floats
+    status: Integers
+    n_steps: Integers
+    near_tangencies: Integers
+
+
+def closed_form(launches: Launches) -> ClosedForm:
+    """Return the results of runs by the closed form, which has no steps."""
+    t_rgh = launches.gh.t_rgh
+    has_horizon = np.isfinite(launches.horizon)
+    reverses = has_horizon & (t_rgh <= launches.horizon)
+    t_end = np.where(has_horizon, launches.horizon, 0.0)
+    t_end = np.where(reverses, t_rgh, t_end)
+    n_end = np.where(reverses, 0.0, launches.gh.spin(t_end))
+    none = np.zeros(len(t_end), dtype=np.int64)
+    return ClosedForm(
+        t_end=t_end,
+        t_r=np.where(reverses, t_rgh, np.nan),
+        n_end=np.where(has_horizon, n_end, np.nan),
+        energy_drift=np.where(has_horizon, 0.0, np.nan),
+        # An unknown growth rules out SS: here the relevant oscillation only grows.
+        amp_growth=np.full(len(t_end), np.nan),
+        n_departure=np.where(has_horizon, 1 - n_end / launches.n_i, np.nan),
+        status=np.where(has_horizon, Status.OK, Status.NO_HORIZON),
+        n_steps=none,
+        near_tangencies=none,
+    )
+
+
+class State(NamedTuple):
+    """Components of full initial states along the bodies' axes."""
+
+    omega_x: Floats
+    omega_y: Floats
+    omega_z: Floats
+    u_x: Floats
+    u_y: Floats
+    u_z: Floats
+
+
+@dataclass(frozen=True)
+class Results:
+    """Runs with their results, and what follows from these.
+
+    A column of the rows is an attribute, or one of `launches`, `batch`, `outcome` or
+    `bodies`; see :attr:`rattlesweep.design.columns.Column.source`.
+    """
+
+    config: Config
+    launches: Launches
+    batch: Batch | None
+    outcome: Outcome | ClosedForm
+
+    @property
+    def bodies(self) -> Bodies:
+        """The bodies of the runs."""
+        return self.launches.bodies
+
+    @property
+    def integrated(self) -> Outcome:
+        """The outcome of an integration, for columns that the closed form lacks."""
+        assert isinstance(self.outcome, Outcome)
+        return self.outcome
+
+    @property
+    def estimated(self) -> Estimated:
+        """The outcome with errors, for columns of `record: [error]`."""
+        assert isinstance(self.outcome, Estimated)
+        return self.outcome
+
+    @cached_property
+    def is_ok(self) -> Flags:
+        """Whether the integration of a run succeeded."""
+        return np.asarray(self.outcome.status == Status.OK)
+
+    @property
+    def status(self) -> tuple[Integers, Sequence[str]]:
+        """Index of the status of each run, and the words."""
+        return self.outcome.status, STATUS_WORDS
+
+    # ------------------------------------------------------------------ types
+
+    @cached_property
+    def type_codes(self) -> NDArray[np.int8]:
+        """Index of the type of each run, -1 without one."""
+        return classify(
+            self.is_ok,
+            self.outcome.t_r,
+            self.outcome.amp_growth,
+            self.outcome.n_departure,
+            self.config.classify,
+            self.energy_left if self.config.dissipation else None,
+        )
+
+    @property
+    def type(self) -> tuple[NDArray[np.int8], Sequence[str]]:
+        """Index of the type of each run, and the words."""
+        return self.type_codes, TYPES
+
+    @property
+    def type_sure(self) -> pa.Array:
+        """Whether the type is the same within the errors."""
+        outcome = self.estimated
+        is_sure = sure_types(
+            self.type_codes,
+            outcome.reversal_sure,
+            (outcome.amp_growth, outcome.n_departure),
+            (outcome.amp_growth_error, outcome.n_departure_error),
+            self.config.classify,
+        )
+        return pa.array(is_sure, mask=self.type_codes < 0)
+
+    # ------------------------------------------------------ spins and energies
+
+    @property
+    def n_end(self) -> Floats:
+        """Spin at the end; where a run has settled, the spin with all of its energy."""
+        if self.batch is None or not self.config.classify.early:
+            return self.outcome.n_end
+        outcome = self.integrated
+        limit = np.sqrt(2 * outcome.energy_0 / self.bodies.gamma)
+        has_settled = integration.has_settled(self.batch, outcome)
+        return np.where(
+            has_settled, np.copysign(limit, self.launches.n_i), outcome.n_end
+        )
+
+    @property
+    def energy_left(self) -> Floats:
+        """Fraction of the initial energy that is left."""
+        left = np.ones(len(self.integrated.energy_0))
+        if self.config.dissipation.has_couples:
+            # The last component of the state is the work of the couples.
+            left = 1 + self.integrated.y_end[:, -1] / self.integrated.energy_0
+        if self.config.dissipation.slides:
+            left = left - self.integrated.slide_work
+        return left
+
+    @property
+    def growth(self) -> Floats:
+        """Growth rate of the relevant mode, where friction is linear."""
+        assert self.batch is not None
+        body_constants = self.batch.constants[:, :6].T
+        pitch_rate, roll_rate = steady.growth(
+            body_constants, self.launches.n_i, self.launches.losses["sigma"]
+        )
+        return self._if_linear(np.where(self._pitch_grows, pitch_rate, roll_rate))
+
+    @property
+    def n_growth(self) -> Floats:
+        """Spin at which the growth of the relevant mode balances its damping."""
+        pitch_loss, roll_loss = damping_rates(
+            self.bodies.alpha,
+            self.bodies.beta,
+            self.launches.modes,
+            self.launches.losses["sigma"],
+        )
+        loss = np.where(self._pitch_grows, pitch_loss, roll_loss)
+        direction = np.sign(self.launches.n_i)
+        return self._if_linear(direction * 2 * loss / np.abs(self.launches.gh.K))
+
+    @property
+    def _pitch_grows(self) -> Flags:
+        return unsteady(self.launches.modes.K_p, self.launches.n_i)
+
+    def _if_linear(self, values: Floats) -> Floats:
+        return np.where(self.launches.has_linear_rate, values, np.nan)
+
+    # ---------------------------------------------------- launches and SI units
+
+    @cached_property
+    def state(self) -> State:
+        """Full initial states."""
+        assert self.bodies.omega is not None
+        assert self.bodies.u is not None
+        return State(*self.bodies.omega.T, *self.bodies.u.T)
+
+    @property
+    def _second(self) -> Floats:
+        """The unit of time in seconds."""
+        assert self.bodies.units is not None
+        return np.asarray(self.bodies.units.time)
+
+    @property
+    def n_i_rpm(self) -> Floats:
+        """Initial spin in turns a minute."""
+        return np.asarray(self.launches.n_i / self._second * 30 / np.pi)
+
+    @property
+    def t_r_s(self) -> Floats:
+        """Reversal time in seconds."""
+        return np.asarray(self.outcome.t_r * self._second)
+
+    # ------------------------------------------------------------ `record` keys
+
+    @cached_property
+    def exponents(self) -> tuple[Floats, Floats]:
+        """Lyapunov exponents of the whole run, and of its second half."""
+        return integration.exponents(self.integrated.growth)
+
+    @property
+    def lyapunov(self) -> Floats:
+        """Largest Lyapunov exponent of the whole run."""
+        whole, _ = self.exponents
+        return whole[:, 0]
+
+    @property
+    def lyapunov_late(self) -> Floats:
+        """Largest Lyapunov exponent of the second half."""
+        _, late = self.exponents
+        return late[:, 0]
+
+    @property
+    def chaotic(self) -> pa.Array:
+        """Whether differences grew by more than `types.LEAST_GROWTH` in that half."""
+        _, late = self.exponents
+        largest = late.max(axis=1)
+        flags = is_chaotic(largest, self.outcome.t_end)
+        return pa.array(flags, mask=~np.isfinite(largest))
+
+    @property
+    def lyapunov_spectrum(self) -> pa.Array:
+        """Lyapunov exponents of the whole run, in descending order."""
+        whole, _ = self.exponents
+        return _descending(whole)
+
+    @property
+    def lyapunov_spectrum_late(self) -> pa.Array:
+        """Lyapunov exponents of the second half, in descending order."""
+        _, late = self.exponents
+        return _descending(late)
+
+    @cached_property
+    def _level(self) -> Floats:
+        """Significant late exponents at constant energy."""
+        _, late = self.exponents
+        # The last exponent is that of the energy.
+        return regimes.significant(late[:, :-1], self.outcome.t_end)
+
+    @property
+    def kaplan_yorke(self) -> Floats:
+        """Dimension of Kaplan and Yorke."""
+        return regimes.kaplan_yorke(self._level)
+
+    @property
+    def regime(self) -> tuple[Integers, Sequence[str]]:
+        """Index of the regime of each run, and the words."""
+        third, last = integration.late_growths(self.integrated.growth)
+        # The last exponent is that of the energy.
+        return regimes.regime_codes(third[:, :-1], last[:, :-1]), REGIMES
+
+    @property
+    def window_amplitude(self) -> pa.Array:
+        """Largest amplitude in each window."""
+        return self._by_window(0)
+
+    @property
+    def window_n_min(self) -> pa.Array:
+        """Smallest spin in each window."""
+        return self._by_window(1)
+
+    @property
+    def window_n_max(self) -> pa.Array:
+        """Largest spin in each window."""
+        return self._by_window(2)
+
+    def _by_window(self, number: int) -> pa.Array:
+        windows = self.integrated.windows
+        is_filled = np.isfinite(windows[:, :, 0])
+        return ragged(windows[:, :, number], is_filled.sum(axis=1))
+
+    @property
+    def n_turns(self) -> pa.Array:
+        """Number of turns, null for a run that failed."""
+        return pa.array(self.integrated.n_turns.astype(np.int32), mask=~self.is_ok)
+
+    @property
+    def turn_times(self) -> pa.Array:
+        """Times of the first turns."""
+        return self._by_turn(self.integrated.reversals[:, :, 0])
+
+    @property
+    def spin_after_turn(self) -> pa.Array:
+        """Largest absolute spins after the first turns."""
+        return self._by_turn(self.integrated.reversals[:, :, 1])
+
+    @property
+    def reversals_sure(self) -> pa.Array:
+        """Number of first turns with a small error."""
+        return pa.array(self.estimated.turns_sure.astype(np.int32), mask=~self.is_ok)
+
+    @property
+    def reversal_times_error(self) -> pa.Array:
+        """Errors of the times of the first turns."""
+        return self._by_turn(self.estimated.turn_errors)
+
+    def _by_turn(self, values: Floats) -> pa.Array:
+        stored_turns = np.minimum(self.integrated.n_turns, MOST_REVERSALS)
+        return ragged(values, np.where(self.is_ok, stored_turns, -1))

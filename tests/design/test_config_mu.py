@@ -1,0 +1,135 @@
+"""The key `dissipation.mu`: cases, columns, tables, and what it excludes."""
+
+import pandas as pd
+import pytest
+
+import rattlesweep as rs
+from rattlesweep.design.bodies.table import frame_bodies
+from rattlesweep.design.config.read import parse_config, physics_hash
+from rattlesweep.design.plan import make_plan
+
+BASE = {
+    "bodies": {"source": "preset", "name": "GH"},
+    "spin": {"n_i": -0.3, "omega_xy0": 0.02},
+}
+COLUMNS = ["mu", "t_slide", "n_slides", "slide_time", "slide_work"]
+ROWS = pd.DataFrame(
+    {
+        "alpha": 13.04,
+        "beta": 1.522,
+        "gamma": 12.28,
+        "theta": 0.6429,
+        "phi": 0.036,
+        "xi": -0.03,
+        "n_i": [0.1, 0.2],
+        "omega_xy0": 0.01,
+        "mu": [0.1, 0.2],
+    }
+)
+
+
+def config_of(losses=None, **keys):
+    return parse_config(BASE | keys | {"dissipation": losses or {}})
+
+
+def plan_of_rows(rows, **keys):
+    config = parse_config({"bodies": {"source": "table", "path": "rows"}} | keys)
+    return make_plan(config, rows=frame_bodies(rows))
+
+
+def test_without_it_nothing_changes():
+    plain = config_of()
+    assert physics_hash(config_of({"mu": None})) == physics_hash(plain)
+    assert not {"mu", *COLUMNS} & {*make_plan(plain).schema.names}
+    viscous = make_plan(config_of({"sigma": 0.1}))
+    assert not {*COLUMNS} & {*viscous.schema.names}
+    assert [case.dump() for case in viscous.cases] == [
+        {"case": 0, "n_i": -0.3, "omega_xy0": 0.02, "sigma": 0.1, "rolling": 0.0}
+    ]
+
+
+def test_several_values_are_cases_beside_those_of_other_losses():
+    config = config_of({"mu": [0.1, 0.3], "sigma": [0, 0.01], "rolling": 0.001})
+    plan = make_plan(config)
+    values = [tuple(map(case.value, ("sigma", "rolling", "mu"))) for case in plan.cases]
+    assert values == [
+        (0, 0.001, 0.1),
+        (0, 0.001, 0.3),
+        (0.01, 0.001, 0.1),
+        (0.01, 0.001, 0.3),
+    ]
+    assert plan.schema.names[-5:] == COLUMNS
+    assert {"energy_left", "growth"} <= {*plan.schema.names}
+    # A sweep may grow by further values, but those without sliding are another sweep.
+    assert physics_hash(config) == physics_hash(
+        config_of({"mu": 0.5, "rolling": 0.001})
+    )
+    assert physics_hash(config) != physics_hash(config_of({"rolling": 0.001}))
+
+
+def test_a_table_may_have_it():
+    plan = plan_of_rows(ROWS)
+    assert plan.config.dissipation.values["mu"] == ["table"]
+    assert plan.source.bodies(float("nan"), plan.targets[:0].astype(int)).losses
+    shared = plan_of_rows(ROWS.assign(mu=0.3))
+    assert [case.value("mu") for case in shared.cases] == [0.3]
+
+
+@pytest.mark.parametrize(
+    ("rows", "keys", "message"),
+    [
+        (ROWS.assign(mu=[0, 0.1]), {}, "row 1: mu is 0; it must be positive"),
+        (ROWS.assign(mu=[0.1, None]), {}, "row 2: mu is empty"),
+        (
+            ROWS,
+            {"dissipation": {"mu": [0.1, 0.2]}},
+            "dissipation.mu: there are several",
+        ),
+        (
+            ROWS.drop(columns="mu"),
+            {"dissipation": {"mu": "table"}},
+            "dissipation.mu: the table has no column mu; give a number",
+        ),
+        (ROWS, {"record": ["error"]}, "record: errors of runs that slide are not"),
+    ],
+)
+def test_a_bad_table_is_refused(rows, keys, message):
+    with pytest.raises(rs.ConfigError, match=message):
+        plan_of_rows(rows, **keys)
+
+
+@pytest.mark.parametrize(
+    ("mu", "message"),
+    [
+        (0, "a value above 0 is needed"),
+        (-1, "a value above 0 is needed"),
+        (1e9, "a value below 1e[+]06 is needed"),
+        ("0.3 m", "is not a number; give one, without a unit"),
+        ("none", "is not a number"),
+        ([None, 0.1], "a number is needed"),
+        ([0.1, 0.1], "a value is repeated"),
+        ("table", "the word table needs source: table; give a number"),
+    ],
+)
+def test_a_bad_value_is_refused(mu, message):
+    with pytest.raises(rs.ConfigError, match=f"dissipation.*{message}"):
+        config_of({"mu": mu})
+
+
+@pytest.mark.parametrize(
+    ("keys", "place"),
+    [
+        ({"model": "reduced"}, "dissipation"),
+        ({"model": "gh"}, "dissipation"),
+        ({"record": ["volume"]}, "record"),
+        ({"record": ["lyapunov"]}, "record"),
+        ({"record": ["error"]}, "record"),
+        ({"integrator": {"accuracy": {"t_r": 1e-6}}}, "record"),
+        ({"integrator": {"method": "rk4"}}, "integrator.method"),
+        ({"classify": {"early": True}}, "classify"),
+    ],
+)
+def test_what_sliding_excludes_is_refused(keys, place):
+    with pytest.raises(rs.ConfigError) as refused:
+        config_of({"mu": 0.3}, **keys)
+    assert [message.split(":")[0] for message in refused.value.messages] == [place]
