@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rattlesweep.api import *
 
+__version__ = "1.0.0"
+
 __all__ = [
     "ConfigError",
     "GrowthRates",
@@ -40,10 +42,6 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     # Imported at first use, as Numba takes half a second, which --help need not wait.
-    if name == "__version__":
-        from importlib.metadata import version
-
-        return version("rattlesweep")
     if name in __all__:
         from rattlesweep import api
 

@@ -3,19 +3,29 @@
 import json
 import re
 import tomllib
+from importlib.metadata import version
 
 from sweeping import ROOT
 
+import rattlesweep as rs
 
-def test_the_version_is_the_same_everywhere():
+
+def test_the_version_is_that_of_the_package_everywhere():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    version = project["version"]
+    assert "version" in project["dynamic"]
+    assert "version" not in project
     citation = (ROOT / "CITATION.cff").read_text()
-    assert re.findall(r"^version: (.*)$", citation, re.MULTILINE) == [version]
+    assert re.findall(r"^version: (.*)$", citation, re.MULTILINE) == [rs.__version__]
     archive = json.loads((ROOT / ".zenodo.json").read_text())
-    assert archive["version"] == version
+    assert archive["version"] == rs.__version__
     assert archive["license"] == project["license"]
-    assert version in (ROOT / "CHANGELOG.md").read_text()
+    heading = rf"^## {re.escape(rs.__version__)}(,|$)"
+    assert re.search(heading, (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+
+
+def test_the_installed_package_has_the_version_of_the_sources():
+    """If this fails after a change of the version, install the package again."""
+    assert version("rattlesweep") == rs.__version__
 
 
 def test_the_newest_python_of_the_classifiers_is_tried_on_a_public_host():
