@@ -21,7 +21,7 @@ from rattlesweep.integrate.lanes import runs, slides
 from rattlesweep.integrate.lanes.lane import INNER, LANES, Problem, addresses_of
 from rattlesweep.integrate.lanes.runs import SHAPES, Recording
 from rattlesweep.integrate.lanes.step import OPTIONS, SUBSTEPS, write_attempt
-from rattlesweep.integrate.model import FRAME, TANGENT, Model, find_model
+from rattlesweep.integrate.model import FRAME, FULL, TANGENT, Model, find_model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL, Tableau
 from rattlesweep.integrate.task import Control
@@ -138,6 +138,11 @@ def kernel(
     """
     tableau = METHODS[tableau_name]
     model = find_model(model_name)
+    if not {"lyapunov", "spectrum"}.isdisjoint(record) and model is not FULL:
+        raise ValueError(
+            f"the tangents of {model_name} are not known; only those of full are, "
+            "without dissipation on a paraboloid"
+        )
     if "lyapunov" in record:
         model = TANGENT
     if "spectrum" in record:

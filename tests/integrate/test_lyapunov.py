@@ -2,6 +2,8 @@
 rates.
 """
 
+from dataclasses import replace
+
 import kernels
 import numpy as np
 import oracle
@@ -10,7 +12,7 @@ from exact import exactly
 from mpmath import mp
 
 from rattlesweep.integrate.batch import exponents, integrate
-from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.model import ELLIPSOID, FULL
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, steady, tangent
 
@@ -77,6 +79,15 @@ def test_a_very_long_tangent_stays_a_number():
     growth = integrate(runs, DOP853, FULL, record=LYAPUNOV | {"reversals"}).growth
     # The growth is e^1400; the range of doubles ends at e^709.
     assert np.nanmax(growth[0, :, 1]) > 1400
+
+
+@pytest.mark.parametrize("word", ["lyapunov", "spectrum"])
+def test_tangents_of_other_models_are_refused(word):
+    """An ellipsoid is not silently taken for a paraboloid."""
+    runs = kernels.full_batch(GH, 0.1)
+    runs = replace(runs, constants=np.append(runs.constants, [[0.4]], axis=1))
+    with pytest.raises(ValueError, match="tangents of ellipsoid are not known"):
+        integrate(runs, DOP853, ELLIPSOID, record={word})
 
 
 def test_tolerance_and_threads():
