@@ -43,6 +43,9 @@ BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_TURNS, N_COUNTS = range(7)
 T, T_LOW, STATE = range(3)
 # ``energies`` at launch and in the last row.
 FIRST, LAST = 0, 1
+# Columns of ``extremes``: the largest ratio of the contact forces, the least normal
+# force.
+RATIO_MAX, NORMAL_MIN = 0, 1
 
 
 def record_steps(
@@ -55,23 +58,26 @@ def record_steps(
     plan,
     options,
     reversals,
+    contact,
     steps,
     zeros,
     turns,
     counts,
     energies,
+    extremes,
 ):
     """Continue the run until the tables are full or it ends.
 
     It ends at its horizon.  The arguments up to ``options`` are those of the
     kernel's ``work`` for one run, which stays in the workspace between calls.  The
-    others are outputs: ``reversals`` of a Recording; ``steps``, where the run is and
-    then the ends of accepted steps; times of ``zeros`` and of ``turns``, which are
-    reversals; ``counts``; ``energies``.
+    others are outputs: ``reversals`` and ``contact`` of a Recording; ``steps``, where
+    the run is and then the ends of accepted steps; times of ``zeros`` and of ``turns``,
+    which are reversals; ``counts``; ``energies``; for each row of ``steps``, the
+    ``extremes`` of the contact until then, if ``contact`` is recorded.
     """
     widest_vectors()
     nothing = reversals[:0]
-    recording = runs.Recording(nothing, nothing, nothing, reversals, nothing, nothing)
+    recording = runs.Recording(nothing, contact, nothing, reversals, nothing, nothing)
     max_steps = options[kernel.MOST_STEPS]
     lane = lane_of(problem, w, 0)
     if counts[BEGUN] == 0:
@@ -100,6 +106,8 @@ def record_steps(
                 steps[row, STATE + c] = component
             for c, component in enumerate(lane.slip):
                 steps[row, steps.shape[1] - N_SLIP + c] = component
+            extremes[row, RATIO_MAX] = lane.ratio_max
+            extremes[row, NORMAL_MIN] = lane.normal_min
             row += 1
         if ended or row == steps.shape[0] or n_zeros == zeros.size:
             break
@@ -121,7 +129,7 @@ def record_steps(
         accepted = lane.accept > 0.0
         if not accepted:
             runs.hold_back(lane)
-        if problem.limited:
+        if problem.limited or runs.recorded(contact):
             kernel.watch(problem, w, recording)
         kernel.commit(problem, w)
     counts[ENDED] = 1 if ended else 0
@@ -192,8 +200,9 @@ def steps_recipe(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
     problem = batches.problem_of(find_model(model_name), adaptive, rimmed=bool(rim))
     run = problem, batches.NO_PARTS, batches.FLAT, *batches.RUNS
     times = batches.FLAT, batches.FLAT
-    outputs = batches.TABLE, *times, batches.WHOLE, batches.FLAT
-    arguments = *run, batches.NOTHING.reversals, *outputs
+    outputs = batches.TABLE, *times, batches.WHOLE, batches.FLAT, batches.TABLE
+    recorded = batches.NOTHING.reversals, batches.NOTHING.contact
+    arguments = *run, *recorded, *outputs
     return Kernel(record_steps, arguments, OPTIONS)
 
 
@@ -225,12 +234,17 @@ class Samples:
     extra: Floats  # heading and contact point (see `physics.full`), or no columns
 
 
+# What looks on: see `Follower`.
+Look = Callable[[Samples, Floats, Floats], None]
+
+
 class Follower:
     """Integrates a batch of one run past its reversals, as far as states are requested.
 
     With `attitude`, heading and contact point are integrated over the accepted steps.
-    `look` is called with samples and the result of :meth:`observe`: for the launch,
-    then for the accepted steps.  If the step is fixed, only every eighth step counts as
+    `look` is called with samples, the result of :meth:`observe`, and the extremes of
+    the contact until then, between steps too: for the launch, then for the accepted
+    steps.  If the step is fixed, only every eighth step counts as
     accepted.  `longest_step` is as for `integrate`.
 
     A run that leaves the chart of its variables is integrated again from its launch
@@ -249,13 +263,15 @@ class Follower:
         max_steps: int = MAX_STEPS,
         longest_step: Floats | float = np.inf,
         attitude: bool = False,
-        look: Callable[[Samples, Floats], None] | None = None,
+        look: Look | None = None,
     ) -> None:
         self._tableau = tableau
         self._dt = dt
         self._settings = tol, dt, max_steps
         self._longest_step = longest_step
-        self._look: Callable[[Samples, Floats], None] | None = None
+        self._look: Look | None = None
+        # The contact is only watched for one who looks.
+        self._contact = np.zeros((int(look is not None), *runs.SHAPES.contact))
         if model.flat is not None and batches.on_paraboloids(batch, model).all():
             batch, model = batches.flattened(batch, model)
         self._start(batch, model, attitude)
@@ -268,7 +284,7 @@ class Follower:
                 self._start(batch, model, attitude)
         self._look = look
         if look is not None:
-            look(self.launch(), self.observe(self.launch()))
+            look(self.launch(), self.observe(self.launch()), self._extremes[:1])
 
     def _start(self, batch: Batch, model: Model, attitude: bool) -> None:
         """Load the kernels of a model, and begin the run at its launch."""
@@ -320,13 +336,21 @@ class Follower:
                 endless, tableau, *self._settings, longest_step=self._longest_step
             ),
             np.zeros((1, *runs.SHAPES.reversals)),
+            self._contact,
         )
         self._counts = np.zeros(N_COUNTS, dtype=np.int64)
         self._energies = np.zeros(2)
         self._zeros = np.zeros(MOST_ZEROS)
         # The first reversal of a call may belong to a zero of the call before.
         self._turns = np.zeros(MOST_ZEROS + 1)
-        self._outputs = self._zeros, self._turns, self._counts, self._energies
+        self._extremes = np.zeros((1 + STEPS_PER_CALL, 2))
+        self._outputs = (
+            self._zeros,
+            self._turns,
+            self._counts,
+            self._energies,
+            self._extremes,
+        )
         # Row 0 is where the last call ended.  The first call only stores the launch
         # there.
         width = STATE + 2 * model.n_state + N_SLIP
@@ -500,7 +524,7 @@ class Follower:
             self._check_accuracy()
         if self._look is not None:
             samples = self._samples(1, rows)
-            self._look(samples, self.observe(samples))
+            self._look(samples, self.observe(samples), self._extremes[1:rows])
 
     def _check_accuracy(self) -> None:
         """Set the status that a sweep gives to a run that cannot be trusted."""

@@ -75,6 +75,7 @@ BATCH_ROWS = 1 << 18  # rows sorted at a time
 MOST_ROWS = 1 << 22
 MOST_BYTES = 1 << 30
 LOOKS = 100  # at files that others replace meanwhile
+TWICE = "holds runs that are stored twice"
 T = TypeVar("T")
 IS_DAMAGED = "{} is damaged; `rattlesweep run` does its runs again"
 
@@ -153,6 +154,16 @@ def _load(directory: Path, manifest: dict[str, Any]) -> Stored:
     return stored
 
 
+def _useless(path: Path, fault: str) -> OutputError:
+    """Return the error about a file whose rows cannot belong to a sweep."""
+    return OutputError(f"{path} {fault}; move it away, or use another output")
+
+
+def refuse_again(path: Path, rows: pa.Table) -> None:
+    """Raise the OutputError about a file with rows that another one has."""
+    raise _useless(path, TWICE)
+
+
 @dataclass(frozen=True)
 class Stored(Design):
     """An output directory."""
@@ -164,7 +175,10 @@ class Stored(Design):
     @property
     def thresholds(self) -> Classify:
         """Thresholds of the types on disk, which `classify` may have changed."""
-        for path in self.files():
+        return self.steadily(self._thresholds_of)
+
+    def _thresholds_of(self, files: list[Path]) -> Classify:
+        for path in files:
             with contextlib.suppress(
                 DamagedError, ValueError, TypeError, RecursionError
             ):
@@ -281,10 +295,12 @@ class Stored(Design):
         self,
         files: Iterable[Path] | None = None,
         seen: Callable[[Path, pa.Table], None] = lambda path, rows: None,
+        again: Callable[[Path, pa.Table], None] = refuse_again,
     ) -> Found:
         """Read all files, or these; raise an OutputError for rows of no use.
 
-        `seen` is called with each file and its rows.
+        `seen` is called with each file and its rows, and `again` with the rows of a
+        file that an earlier one has, which do not count twice.
         """
         if files is None:
             return self.steadily(self.find)
@@ -295,10 +311,15 @@ class Stored(Design):
             except DamagedError:
                 found.damaged.append(path)
                 continue
-            fault = self._fault(rows, found)
+            fault = self._fault(rows)
             if fault is not None:
                 raise _useless(path, fault)
-            found.add(rows)
+            is_new = found.code[keys_of(rows)] == MISSING
+            added = rows
+            if not is_new.all():
+                again(path, rows.filter(~is_new))
+                added = rows.filter(is_new)
+            found.add(added)
             found.typed.setdefault(metadata(rows).get(TYPED, ""), []).append(path)
             seen(path, rows)
         return found
@@ -325,16 +346,15 @@ class Stored(Design):
         if fault is not None:
             raise _useless(path, fault)
 
-    def _fault(self, rows: pa.Table, found: Found) -> str | None:
-        """Return why the rows of a file cannot be added to those found before."""
+    def _fault(self, rows: pa.Table) -> str | None:
+        """Return why the rows of a file cannot be added to those of others."""
         labels = metadata(rows)
         if self._is_beyond(rows):
             return f"holds runs beyond {self._size}"
         if not set(self._cases_of(rows)) <= {*labels.get(CASES, "").split("\n")}:
             return "numbers its cases differently"
-        is_stored = found.code[keys_of(rows)] != MISSING
-        if is_stored.any() or len(np.unique(_order(rows))) < len(rows):
-            return "holds runs that are stored twice"
+        if len(np.unique(_order(rows))) < len(rows):
+            return TWICE
         return None
 
     @property
@@ -431,11 +451,6 @@ class Stored(Design):
             held = [table.slice(ready)]
             if ready:
                 yield table.slice(0, ready)
-
-
-def _useless(path: Path, fault: str) -> OutputError:
-    """Return the error about a file whose rows cannot belong to a sweep."""
-    return OutputError(f"{path} {fault}; move it away, or use another output")
 
 
 def _changed(folder: Path) -> int:
@@ -587,3 +602,26 @@ def free_path(path: Path) -> Path:
         again += 1
         free = path.with_stem(f"{path.stem}-{again}")
     return free
+
+
+def same_bits(first: pa.Table, second: pa.Table) -> bool:
+    """Return whether two tables have the same values, and zeros of the same sign."""
+    if first.schema.names != second.schema.names:
+        return False
+    for column, twin in zip(first.columns, second.columns, strict=True):
+        if not column.equals(twin) or not _bits(column).equals(_bits(twin)):
+            return False
+    return True
+
+
+def _bits(column: pa.ChunkedArray) -> pa.Array:
+    """Return floats, or the floats in lists, as integers: 0.0 and -0.0 then differ.
+
+    Other columns stay as they are.
+    """
+    values = column.combine_chunks()
+    if pa.types.is_list(values.type):
+        values = values.flatten()
+    if pa.types.is_float64(values.type):
+        return values.view(pa.int64())
+    return values

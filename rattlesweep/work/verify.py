@@ -24,6 +24,7 @@ from rattlesweep.store.rows import (
     Stored,
     keys_of,
     open_stored,
+    same_bits,
 )
 from rattlesweep.store.status import set_aside
 from rattlesweep.store.summary import is_summary_right, summarise
@@ -89,15 +90,33 @@ def verify(
     is called with the share of the files that are done.
     """
     stored = open_stored(directory)
-    on_disk = stored.find()
+
+    def look(files: list[Path]) -> Verified:
+        return _verified(stored, files, recompute, seed, threads, report, complete)
+
+    # A session that begins may merge files: then all are looked at again.
+    return stored.steadily(look)
+
+
+def _verified(
+    stored: Stored,
+    files: list[Path],
+    recompute: int,
+    seed: int,
+    threads: int | None,
+    report: Callable[[float], None],
+    complete: bool,
+) -> Verified:
+    """Check what the files contain; raise a GoneError if one is gone meanwhile."""
+    on_disk = stored.find(files)
     thresholds = stored.thresholds
     wanted = wanted_runs(stored, on_disk)
     missing = int((wanted & ~on_disk.done).sum())
     damaged = [str(path) for path in stored.damaged_files()]
     result = Verified(
-        directory,
+        stored.directory,
         on_disk.rows,
-        len(stored.files()),
+        len(files),
         missing,
         int(wanted.sum()),
         damaged=damaged,
@@ -140,7 +159,7 @@ def verify(
     # Wrong or missing rows make the summary differ too, which would say nothing new.
     if not problems and not missing and not is_summary_right(stored, summarise(stored)):
         what = "is missing, damaged or contradicts the runs"
-        path = directory / SUMMARY
+        path = stored.directory / SUMMARY
         problems.append(f"{path} {what}; `rattlesweep run` writes it again")
     report(1.0)
     return result
@@ -267,26 +286,3 @@ def differing_rows(
                 names.append(name)
         if names:
             yield int(case[place]), int(sample[place]), names
-
-
-def same_bits(first: pa.Table, second: pa.Table) -> bool:
-    """Return whether two tables have the same values, and zeros of the same sign."""
-    if first.schema.names != second.schema.names:
-        return False
-    for column, twin in zip(first.columns, second.columns, strict=True):
-        if not column.equals(twin) or not _bits(column).equals(_bits(twin)):
-            return False
-    return True
-
-
-def _bits(column: pa.ChunkedArray) -> pa.Array:
-    """Return floats, or the floats in lists, as integers: 0.0 and -0.0 then differ.
-
-    Other columns stay as they are.
-    """
-    values = column.combine_chunks()
-    if pa.types.is_list(values.type):
-        values = values.flatten()
-    if pa.types.is_float64(values.type):
-        return values.view(pa.int64())
-    return values

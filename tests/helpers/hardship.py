@@ -23,8 +23,8 @@ import pyarrow as pa
 from nursery import TINY, become
 
 from rattlesweep.store.parquet import read_parquet
-from rattlesweep.store.rows import KEY, open_stored
-from rattlesweep.work.verify import same_bits, verify
+from rattlesweep.store.rows import KEY, open_stored, same_bits
+from rattlesweep.work.verify import verify
 
 # With this threshold some runs of the closed form change type.
 OTHER_TYPES = "classify.sw_departure=1e-6"

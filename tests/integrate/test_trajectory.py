@@ -9,7 +9,9 @@ import numpy as np
 import oracle
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
+from sweeping import invoke, sweep
 
 import rattlesweep as rs
 from rattlesweep.analysis.onerun.channels import CHANNELS
@@ -137,6 +139,58 @@ def test_attitude_and_trace_agree_with_rigid_body_kinematics():
     ahead = Rotation.from_quat(quaternions, scalar_first=True).apply([1, 0, 0])
     heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
     assert table["yaw"].to_numpy() == pytest.approx(heading, abs=1e-12)
+
+
+def test_attitude_of_an_ellipsoid_that_rolls_onto_its_side(tmp_path):
+    """SciPy integrates a quaternion by omega, and the path by the contact point."""
+    config = {
+        "seed": 1,
+        "bodies": {"source": "sd", "samples": 10, "c": 2},
+        "spin": {"n_i": -0.5, "omega_xy0": 0.1},
+        "horizon": {"t_rgh": 5},
+    }
+    output = tmp_path / "out"
+    sweep(output, config)
+    names = ["t", "u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z", "yaw"]
+    names += ["contact_x", "contact_y", "contact_z", "q0", "q1", "q2", "q3"]
+    run = rs.replay(output, 0, 8, channels=[*names, "trace_x", "trace_y"], dt=0.005)
+    assert run.status == "ok"
+    table = run.table
+    t, u, omega, r, q, trace = (
+        table[[name for name in table if name.startswith(start)]].to_numpy()
+        for start in ("t", "u_", "omega", "contact", "q", "trace")
+    )
+    t = t[:, 0]
+    assert u[:, 2].min() < 0 < u[:, 2].max()
+    turning = CubicSpline(t, omega)
+    moving = CubicSpline(t, r).derivative()
+
+    def rhs(t, y):
+        q, w = y[:4], turning(t)
+        dq = 0.5 * np.array([-q[1:] @ w, *(q[0] * w + np.cross(q[1:], w))])
+        turn = Rotation.from_quat(q, scalar_first=True)
+        return np.concatenate([dq, turn.apply(moving(t))[:2]])
+
+    start = np.concatenate([q[0], trace[0]])
+    span = (0, t[-1])
+    found = solve_ivp(
+        rhs, span, start, "DOP853", t_eval=t[::200], rtol=1e-9, atol=1e-11
+    ).y
+    assert np.abs(np.linalg.norm(q, axis=1) - 1).max() < 1e-12
+    turns = Rotation.from_quat(q, scalar_first=True)
+    wanted = Rotation.from_quat(found[:4].T, scalar_first=True)
+    assert np.abs(turns.as_matrix()[::200] - wanted.as_matrix()).max() < 1e-6
+    assert np.abs(trace[::200] - found[4:].T).max() < 1e-5
+    # Where the vertical is in the axes of the body, and the heading of the x axis.
+    up = turns.inv().apply([0, 0, 1])
+    assert np.abs(up - u).max() < 1e-12
+    ahead = turns.apply([1, 0, 0])
+    heading = np.arctan2(ahead[:, 1], ahead[:, 0])
+    off = np.angle(np.exp(1j * (table["yaw"].to_numpy() - heading)))
+    assert np.abs(off).max() < 1e-9
+    page = tmp_path / "side.html"
+    shown = invoke("show", output, "--case", 0, "--sample", 8, "--output", page)
+    assert (shown.exit_code, page.exists()) == (0, True)
 
 
 def test_requested_rows():

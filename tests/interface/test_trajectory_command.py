@@ -9,11 +9,17 @@ import pandas as pd
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 import pytest
-from sweeping import invoke
+from sweeping import invoke, plan_of, prepared
 
 import rattlesweep as rs
+from rattlesweep.analysis.onerun.course import Course, PreparedRun
+from rattlesweep.design.single import Launch
+from rattlesweep.integrate.batch import integrate
+from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.tableau import METHODS
 
 GH = rs.Rattleback.gh()
+CONTACT = ["t", "F_normal", "friction_ratio"]
 
 
 def read_csv(text: str) -> pd.DataFrame:
@@ -84,10 +90,37 @@ def test_zeros_of_one_swing_are_one_reversal():
 
 
 def test_contact_that_no_real_body_keeps_is_said():
-    lost = command("--n-i", 1, "--omega-xy0", 3, "--steps", "--channels", "t,F_normal")
-    table = read_csv(lost.stdout)
-    first = table["t"][np.argmax(table["F_normal"] < 0)]
-    assert (
-        f"warning: contact would be lost at t = {first:.4g}, where the normal"
-        in lost.stderr
-    )
+    """Its time is within the step, as dense rows show."""
+    lost = command("--n-i", 1, "--omega-xy0", 3, "--channels", "t,F_normal")
+    path = rs.trajectory(GH, n_i=1, omega_xy0=3, t_end=1, dt=1e-4, channels=CONTACT)
+    first = path.table["t"][np.argmax(path.table["F_normal"] < 0)]
+    assert "warning: contact would be lost at t = " in lost.stderr
+    said = float(lost.stderr.partition("lost at t = ")[2].partition(",")[0])
+    assert said == pytest.approx(first, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("n_i", "t_end", "method"), [(0.4, 150, "dop853"), (-0.3, 130, "verner98")]
+)
+def test_friction_between_steps_counts_for_the_warning(n_i, t_end, method):
+    """As dense rows show, and as `record: [contact]` has it."""
+    launch = {"n_i": n_i, "omega_xy0": 0.1}
+    options = launch | {"t_end": t_end, "method": method, "channels": CONTACT}
+    dense = rs.trajectory(GH, dt=1e-3, **options)
+    ratio = dense.table["friction_ratio"].to_numpy()
+    integrator = {"method": method}
+    course = Course(PreparedRun.of(Launch(GH, n_i, 0.1, t_end, integrator=integrator)))
+    course.columns()
+    assert course.friction == pytest.approx(ratio.max(), rel=1e-4)
+    first = dense.table["t"][np.argmax(ratio > 0.3)]
+    said = float(course.warning.partition("from t = ")[2].partition(" on")[0])
+    assert said == pytest.approx(first, rel=1e-3)
+    config = {
+        "bodies": {"source": "preset", "name": "GH"},
+        "spin": launch,
+        "horizon": {"t": t_end},
+    }
+    _, batch = prepared(plan_of(config))
+    record = frozenset({"contact", "reversals"})
+    stored = integrate(batch, METHODS[method], FULL, record=record).contact_ratio_max[0]
+    assert course.friction == pytest.approx(stored, rel=1e-4)

@@ -17,12 +17,12 @@ from sweeping import changed, plan_of, proved
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.store.decide import FIRST_WAVE, nearest_rows, wanted_runs
-from rattlesweep.store.rows import nothing_found, open_stored
+from rattlesweep.store.rows import nothing_found, open_stored, same_bits
 from rattlesweep.store.status import status
 from rattlesweep.store.summary import summarise
 from rattlesweep.store.types import wilson
 from rattlesweep.work.run import integrate_plan, run_sweep
-from rattlesweep.work.verify import same_bits, verify
+from rattlesweep.work.verify import verify
 
 GRID: dict[str, Any] = {
     "source": "grid",

@@ -24,6 +24,7 @@ from rattlesweep.store.parquet import read_parquet, write_parquet
 from rattlesweep.store.rows import KEY, metadata, open_stored
 from rattlesweep.store.status import status
 from rattlesweep.work import job as jobs
+from rattlesweep.work import verify as verifying
 from rattlesweep.work.run import Shard
 from rattlesweep.work.verify import verify
 
@@ -212,6 +213,75 @@ def test_a_look_begins_again_if_a_file_is_gone(output, monkeypatch):
 
     monkeypatch.setattr(stores, "read_parquet", late)
     assert open_stored(output).find().rows == RUNS
+
+
+def test_verify_looks_again_if_files_are_merged_meanwhile(output, monkeypatch):
+    honest = verifying.with_types
+    merges: Iterator[None] = iter([None])
+
+    def late(*args: Any) -> pa.Table:
+        for _ in merges:  # once, after the first file of many was read
+            sweeping.sweep(output, CONFIG)
+        return honest(*args)
+
+    monkeypatch.setattr(verifying, "with_types", late)
+    result = verify(output, recompute=3, complete=True)
+    assert (result.problems, result.runs, result.files) == ([], RUNS, 1)
+
+
+def test_thresholds_are_found_while_files_are_merged(output, monkeypatch):
+    honest = stores.typed_by
+    merges: Iterator[None] = iter([None])
+
+    def late(path: Path) -> str:
+        for _ in merges:
+            sweeping.sweep(output, CONFIG)
+        return honest(path)
+
+    monkeypatch.setattr(stores, "typed_by", late)
+    stored = open_stored(output)
+    assert stored.thresholds == stored.config.classify
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_a_source_that_has_merged_its_files_is_merged_again(
+    link, output, whole, tmp_path
+):
+    """Rows that are there are left out; the new ones among them are added."""
+    options = ["--link"] * link
+    merged = tmp_path / "merged"
+    later = files_of(output)[1::2]
+    for path in later:
+        path.rename(tmp_path / path.name)
+    assert invoke("merge", output, "--output", merged, *options).exit_code == 75
+    for path in later:
+        (tmp_path / path.name).rename(path)
+    sweeping.sweep(output, CONFIG)
+    assert len(files_of(output)) == 1
+    for _ in range(2):
+        result = invoke("merge", output, "--output", merged, *options)
+        assert (result.exit_code, f"{RUNS} runs in" in result.stderr) == (0, True)
+        check_equal(merged, whole)
+    assert len(files_of(merged)) == RUNS // 20 + 1
+
+
+def test_other_values_of_the_same_runs_are_not_merged(output, tmp_path):
+    merged = tmp_path / "merged"
+    assert invoke("merge", output, "--output", merged).exit_code == 0
+    sweeping.sweep(output, CONFIG)
+    (path,) = files_of(output)
+    rows = read_parquet(path)
+    place = rows.schema.get_field_index("alpha")
+    values = rows["alpha"].to_numpy().copy()
+    values[-1] = np.nextafter(values[-1], 0)
+    labels = metadata(rows)
+    changed = rows.set_column(place, rows.schema.field(place), pa.array(values))
+    write_parquet(changed.replace_schema_metadata(None), path, labels)
+    before = sweeping.tree(merged / "runs")
+    result = invoke("merge", output, "--output", merged)
+    what = "hold other values of the same runs"
+    assert (result.exit_code, what in result.stderr) == (1, True)
+    assert sweeping.tree(merged / "runs") == before
 
 
 def huge(path: Path, rows: int) -> None:

@@ -28,8 +28,7 @@ from rattlesweep.files import replace_file, streamed_file
 from rattlesweep.store import rows as stored_module
 from rattlesweep.store import summary
 from rattlesweep.store.parquet import read_parquet, write_parquet
-from rattlesweep.store.rows import Stored, metadata, open_stored
-from rattlesweep.work.verify import same_bits
+from rattlesweep.store.rows import Stored, metadata, open_stored, same_bits
 
 CASES = tuple(Case(k, None, None, -0.1 * (k + 1), 0.01) for k in range(5))
 CONFIG: dict[str, Any] = {

@@ -27,13 +27,12 @@ from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Control
 from rattlesweep.store.classify import classify_stored
-from rattlesweep.store.rows import open_stored
+from rattlesweep.store.rows import open_stored, same_bits
 from rattlesweep.store.summary import read_summary
 from rattlesweep.store.types import SS, SW, UNCLASSIFIED, R, sure_types
 from rattlesweep.work import error
 from rattlesweep.work.block import columns_of, compute, run_batch
 from rattlesweep.work.run import Shard
-from rattlesweep.work.verify import same_bits
 
 SETS = (
     "record=[error]",

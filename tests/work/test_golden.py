@@ -21,8 +21,7 @@ import pytest
 
 import rattlesweep as rs
 from rattlesweep.store.provenance import machine, versions
-from rattlesweep.store.rows import open_stored
-from rattlesweep.work.verify import same_bits
+from rattlesweep.store.rows import open_stored, same_bits
 
 HERE = Path(__file__).parents[1] / "golden"
 GOLDEN = HERE / "golden.parquet"

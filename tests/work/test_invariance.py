@@ -17,10 +17,9 @@ from sweeping import changed, plan_of
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.store.rows import open_stored
+from rattlesweep.store.rows import open_stored, same_bits
 from rattlesweep.work.job import Job, Keys
 from rattlesweep.work.run import Shard, integrate_plan, local
-from rattlesweep.work.verify import same_bits
 
 # Under the full model, of runs that take from 200 to 20,000 steps.
 FULL: dict[str, Any] = {

@@ -20,11 +20,11 @@ from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.store import merging
 from rattlesweep.store.classify import classify_stored
 from rattlesweep.store.parquet import read_parquet, write_parquet
-from rattlesweep.store.rows import open_stored, rewrite
+from rattlesweep.store.rows import open_stored, rewrite, same_bits
 from rattlesweep.store.status import status
 from rattlesweep.work import job as jobs
 from rattlesweep.work.run import Shard
-from rattlesweep.work.verify import same_bits, verify
+from rattlesweep.work.verify import verify
 
 CONFIG: dict[str, Any] = {
     "name": "checked",

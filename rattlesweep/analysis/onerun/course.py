@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
@@ -30,7 +30,7 @@ from rattlesweep.design.single import Launch, plan_of
 from rattlesweep.errors import ConfigError
 from rattlesweep.files import streamed_file
 from rattlesweep.integrate.batch import longest_frame_steps
-from rattlesweep.integrate.follow import Follower, Samples
+from rattlesweep.integrate.follow import NORMAL_MIN, RATIO_MAX, Follower, Samples
 from rattlesweep.integrate.lanes.lane import SLIP_SPEED, SLIP_WORK
 from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.tableau import DOP853, METHODS, TOL
@@ -53,6 +53,9 @@ CHUNK = 8192  # rows in memory at once
 PER_PERIOD = 20
 LEAST_ROWS = 2001
 MOST_ROWS = 10**8
+# The first time of a warning is searched in so many parts of a step, so many times.
+PARTS = 33
+REFINEMENTS = 3
 BESIDE_TOL = 1e-10  # of the reduced model, which differs from the full one by far more
 # Letters of the parameters in a title.
 LETTERS = {"alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ"}
@@ -279,8 +282,8 @@ class Course:
         self._start = from_time or 0.0
         self.n_crossings = 0  # of the section so far
         self._whole: Columns | None = None
-        # The largest ratio of the contact's forces, and the first times at which the
-        # body would slip or lift off.
+        # The largest ratio of the contact's forces, between steps too, and the first
+        # times at which the body would slip or lift off.
         self.friction = 0.0
         self._slips_from: float | None = None
         self._lifts_from: float | None = None
@@ -389,23 +392,57 @@ class Course:
         while not follower.ended:
             follower.steps()
 
-    def _look(self, samples: Samples, seen: Floats) -> None:
+    def _look(self, samples: Samples, seen: Floats, extremes: Floats) -> None:
         """Collect slides and warnings from launch and accepted steps."""
         t = samples.t
-        _, _, normal, tangential = seen
         self._note_slides(t, samples.slip[:, SLIP_SPEED] > 0)
-        if len(t):
-            self.slide_work = float(samples.slip[-1, SLIP_WORK])
-        with np.errstate(all="ignore"):  # a failing run may overflow
-            ratio = np.where(normal > 0, tangential / normal, 0.0)
-            ratio = np.where(np.isfinite(ratio), ratio, 0.0)
-        slips = ratio > COMMON_FRICTION
-        lifts = normal < 0
-        self.friction = max(self.friction, float(np.max(ratio, initial=0.0)))
+        if not len(t):
+            return
+        self.slide_work = float(samples.slip[-1, SLIP_WORK])
+        self.friction = float(extremes[-1, RATIO_MAX])
+        slips = extremes[:, RATIO_MAX] > COMMON_FRICTION
+        lifts = extremes[:, NORMAL_MIN] < 0
         if self._slips_from is None and slips.any():
-            self._slips_from = float(t[np.argmax(slips)])
+            step = int(np.argmax(slips))
+            self._slips_from = self._first(samples, step, seen, _excess)
         if self._lifts_from is None and lifts.any():
-            self._lifts_from = float(t[np.argmax(lifts)])
+            step = int(np.argmax(lifts))
+            self._lifts_from = self._first(samples, step, seen, _lift)
+
+    def _first(
+        self,
+        samples: Samples,
+        step: int,
+        seen: Floats,
+        function: Callable[[Floats], Floats],
+    ) -> float:
+        """Return the first time in a step at which a function of forces is positive.
+
+        It is so at the end of the step, or for a time between its ends.
+        """
+        end = float(samples.t[step])
+        if end == 0.0:
+            return end
+        follower = self.follower
+        low = 0.0
+        high = float(follower.lengths()[step])
+        if function(seen[:, step : step + 1])[0] <= 0:
+            offsets = np.linspace(low, high, PARTS)
+            values = function(self._forces(step, offsets))
+            high = float(offsets[np.argmax(values)])
+        for _ in range(REFINEMENTS):
+            offsets = np.linspace(low, high, PARTS)
+            is_positive = function(self._forces(step, offsets)) > 0
+            first = max(1, int(np.argmax(is_positive)))
+            if not is_positive.any():
+                first = PARTS - 1
+            low, high = float(offsets[first - 1]), float(offsets[first])
+        return end - float(follower.lengths()[step]) + high
+
+    def _forces(self, step: int, offsets: Floats) -> Floats:
+        """Return what the follower observes in a step of its last call."""
+        which = np.full(len(offsets), step)
+        return self.follower.observe(self.follower.within(which, offsets))
 
     def _note_slides(self, t: Floats, is_sliding: Flags) -> None:
         """Add the slides that begin or end at accepted steps."""
@@ -451,6 +488,20 @@ class Course:
         if self._slips_from is not None:
             return SLIPS.format(self.friction, COMMON_FRICTION, self._slips_from)
         return ""
+
+
+def _excess(seen: Floats) -> Floats:
+    """Return the ratio of observed forces above a common coefficient of friction."""
+    _, _, normal, tangential = seen
+    with np.errstate(all="ignore"):  # a failing run may overflow
+        excess: Floats = np.nan_to_num(tangential / np.abs(normal) - COMMON_FRICTION)
+    return excess
+
+
+def _lift(seen: Floats) -> Floats:
+    """Return the force by which the plane would have to hold the body down."""
+    lift: Floats = np.nan_to_num(-seen[2])
+    return lift
 
 
 def _joined(chunks: Sequence[Columns]) -> Columns:
