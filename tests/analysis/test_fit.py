@@ -17,7 +17,11 @@ from sweeping import ROOT, invoke
 
 import rattlesweep as rs
 from rattlesweep.analysis.fit import problem, search, series
-from rattlesweep.analysis.fit.doubts import doubts_of_data, doubts_of_residuals
+from rattlesweep.analysis.fit.doubts import (
+    doubts_of_data,
+    doubts_of_exact_times,
+    doubts_of_residuals,
+)
 from rattlesweep.analysis.fit.film import read_film, unwrapped
 from rattlesweep.analysis.fit.scan import searches_of_times
 from rattlesweep.analysis.fit.search import fit_run
@@ -134,6 +138,59 @@ def test_a_film_in_a_wrong_valley_is_told_of():
     assert "a worse valley" in remark
 
 
+def test_slow_waves_of_a_wrong_valley_are_told_of_although_neighbours_differ():
+    measured = read_film(film(), BODY.units)
+    generator = np.random.default_rng(3)
+    noise = np.radians(0.5) * generator.standard_normal(len(measured.t))
+    assert doubts_of_residuals(measured, noise, float(noise.std())) == []
+    # A quarter of the power is a wave of nine rows, of which neighbours know little.
+    wave = np.radians(0.41) * np.sin(math.tau / 9 * np.arange(len(noise)))
+    residuals = noise + wave
+    neighbours = np.corrcoef(residuals[1:], residuals[:-1])[0, 1]
+    assert neighbours < 0.25
+    (remark,) = doubts_of_residuals(measured, residuals, float(residuals.std()))
+    assert "a worse valley" in remark
+
+
+def test_exact_times_that_are_not_met_are_told_of():
+    exact = read_film({"reversal_s": [1.09421, 5.48643, 9.1]}, BODY.units)
+    second = 1 / BODY.units.time
+    (remark,) = doubts_of_exact_times(exact, 0.043 * second)
+    assert remark.startswith("the times are written to 1e-05 s and met within 0.043 s")
+    assert "a worse valley" in remark
+    assert doubts_of_exact_times(exact, 5e-5 * second) == []
+    rough = read_film({"reversal_s": [1.09, 5.49, 9.1]}, BODY.units)
+    assert doubts_of_exact_times(rough, 0.043 * second) == []
+    known = read_film({"reversal_s": [1.09421, 5.48643]}, BODY.units, "0.02 s")
+    assert doubts_of_exact_times(known, 0.043 * second) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n_i", [0.3, -0.3])
+def test_a_free_shape_is_found_from_films_in_both_directions(n_i):
+    truth = {"n_i": n_i, "omega_xy0": 0.03, "sigma": 4e-3}
+    seconds = np.arange(0, 4, 1 / 120)
+    times = seconds / BODY.units.time
+    run = Launch(
+        BODY,
+        n_i=n_i,
+        omega_xy0=0.03,
+        losses={"sigma": 4e-3},
+        t_end=float(times[-1]),
+    )
+    angles = np.degrees(problem.follow(run, "angle", times))
+    angles += 0.5 * np.random.default_rng(12).standard_normal(len(times))
+    data = {"t_s": seconds, "angle_deg": angles % 180}
+    given = BODY.replace(xi=1.15 * BODY.xi, theta=0.98 * BODY.theta)
+    fit = rs.fit(given, data, free=[*FREE, "skew", "theta"], launch={"n_i": 1.1 * n_i})
+    truth |= {"skew": -BODY.xi, "theta": BODY.theta}
+    for name, value in truth.items():
+        low, high = fit.intervals[name]
+        assert low - (high - low) < value < high + (high - low)
+    assert fit.noise == pytest.approx(0.5, rel=0.1)
+    assert fit.remarks == []
+
+
 def test_a_tap_whose_spins_begin_with_zero_is_fitted():
     run = rs.trajectory(
         BODY, n_i=0, omega_xy0=0.1, t_end=40, points=60, channels=["t", "n"]
@@ -144,14 +201,15 @@ def test_a_tap_whose_spins_begin_with_zero_is_fitted():
     assert fit.values["omega_xy0"] == pytest.approx(0.1, rel=1e-5)
 
 
-def test_seven_rows_of_spin_are_enough():
-    rows = np.array([0, 5.0, 10, 15, 20, 25, 30])
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 7])
+def test_few_rows_of_spin_are_enough(count):
+    rows = 5.0 * np.arange(count)
     launch = {"n_i": 0.3, "omega_xy0": 0.03}
-    run = rs.trajectory(BODY, **launch, t_end=30, times=rows, channels=["yaw"])
+    run = rs.trajectory(BODY, **launch, t_end=rows[-1], times=rows, channels=["yaw"])
     spins = np.gradient(run.table["yaw"].to_numpy(), rows)
     data = {"t_s": rows * BODY.units.time, "spin_rad_s": spins / BODY.units.time}
     fit = rs.fit(BODY, data, free="n_i", launch={**launch, "n_i": 0.31})
-    assert fit.rows == 7
+    assert fit.rows == count
     assert fit.values["n_i"] == pytest.approx(0.3, rel=0.02)
 
 

@@ -33,8 +33,12 @@ CLEAR = 1.5
 AROUND = 3.0
 # A spin against the launch is noise up to this share of the launch's spin.
 TURNING = 0.2
-# Neighbouring residuals are noise up to this correlation; if few, up to a larger one.
-CORRELATED = 0.12
+# Kolmogorov's limit, which one in 1000 sets of independent residuals exceeds.
+SLOW = 1.86
+# Times that are met worse than by so many units of their last digit are doubtful.
+COARSE = 10.0
+MOST_DIGITS = 6  # of times, in their unit
+INEXACT = 1e-5  # error of the integration as a share of the largest time, at most
 ALIKE = 0.99  # correlation of two estimates above which the data cannot separate them
 # A value is hardly known if its interval's half width is above this share of it.
 VAGUE = 0.5
@@ -241,10 +245,9 @@ def doubts_of_residuals(film: Film, residuals: Floats, noise: float) -> list[str
             "try the other sign of the angles or of the skew, a launch nearer to the "
             "data, and the data up to the first reversal"
         ]
-    if film.kind == "reversal":
+    if film.kind == "reversal" or is_noise(residuals):
         return []
-    is_correlated = correlation(residuals) > noise_limit(film)
-    if is_correlated and noise > MUCH_NOISE * film.rough_noise:
+    if noise > film.rough_noise:
         return [
             f"the residuals are {noise / unit.size:.3g} {unit.name}, and the noise "
             f"from row to row is {film.rough_noise / unit.size:.2g} {unit.name}: the "
@@ -252,25 +255,50 @@ def doubts_of_residuals(film: Film, residuals: Floats, noise: float) -> list[str
             "describe the data; give a launch nearer to the data, or free fewer "
             "parameters"
         ]
-    if is_correlated:
-        return [
-            "neighbouring residuals are correlated: the model does not describe the "
-            "data within their noise, or they were smoothed, and the intervals are too "
-            "narrow"
-        ]
-    return []
+    return [
+        "neighbouring residuals are correlated: the model does not describe the data "
+        "within their noise, or they were smoothed, and the intervals are too narrow"
+    ]
 
 
-def noise_limit(film: Film) -> float:
-    """Return the largest correlation of neighbouring residuals that are noise."""
-    # That of N independent residuals is about 1/sqrt(N), and rarely four times as much.
-    return float(max(CORRELATED, 4 / math.sqrt(film.known.sum())))
+def is_noise(residuals: Floats) -> bool:
+    """Return whether residuals have no more slow changes than independent ones.
+
+    The share of their power up to a frequency grows like a straight line (Bartlett's
+    test), also where single neighbours are hardly correlated.
+    """
+    power = np.abs(np.fft.rfft(residuals - residuals.mean())[1:]) ** 2
+    total = float(power.sum())
+    if total == 0.0:
+        return True
+    even = np.arange(1, len(power) + 1) / len(power)
+    excess = float((np.cumsum(power) / total - even).max())
+    return excess * math.sqrt(len(power)) < SLOW
 
 
-def correlation(residuals: Floats) -> float:
-    """Return the correlation of neighbouring residuals."""
-    square = float((residuals**2).sum())
-    return float((residuals[1:] * residuals[:-1]).sum()) / square
+def doubts_of_exact_times(film: Film, noise: float) -> list[str]:
+    """Return the remark on times that are met far worse than they are written."""
+    if film.error is not None or noise < INEXACT * film.size:
+        return []
+    unit = film.value_column.unit
+    times = film.value / unit.size
+    digits = next(
+        (
+            digits
+            for digits in range(MOST_DIGITS)
+            if np.allclose(times, times.round(digits), rtol=0, atol=10.0**-MOST_DIGITS)
+        ),
+        MOST_DIGITS,
+    )
+    written = 10.0**-digits
+    if noise / unit.size < COARSE * written:
+        return []
+    return [
+        f"the times are written to {written:.1g} {unit.name} and met within "
+        f"{noise / unit.size:.2g} {unit.name}: this may be a worse valley than the "
+        "true one; give a launch nearer to the data, or the error of the times if they "
+        "are less exact"
+    ]
 
 
 def doubts_of_priors(problem: Problem, pulls: Floats) -> list[str]:

@@ -26,7 +26,10 @@ CLOSER = 0.4  # spacing of a round over that of the round before
 KEPT = 8
 AROUND = (0, 12, 14)  # new runs around each that is kept, by the number of unknowns
 MOST_AROUND = 20
-SEARCHES = 12
+# Searches from the best runs, and from the best ones that are far apart, which tell of
+# other valleys; the latter are this share of the first spacing apart.
+SEARCHES = 8
+APART = 0.16
 MOST_STEPS = 40  # of a search
 SEED = 2017
 
@@ -42,7 +45,8 @@ def searches_of_times(problem: Problem, spans: dict[str, Span]) -> list[Search]:
     count = RUNS.get(unknowns, MOST_RUNS)
     generator = np.random.default_rng(SEED)
     shares = qmc.Halton(unknowns, seed=generator).random(count)
-    spacing = count ** (-1 / unknowns)
+    first_spacing = count ** (-1 / unknowns)
+    spacing = first_spacing
     pool = np.zeros((0, unknowns))
     squares = np.zeros((0, len(problem.film.t)))
     around = MOST_AROUND
@@ -61,7 +65,9 @@ def searches_of_times(problem: Problem, spans: dict[str, Span]) -> list[Search]:
         shares = centres + spacing * generator.uniform(-1, 1, centres.shape)
         spacing *= CLOSER
     searches = []
-    for row in _apart(pool, squares[:, -1], spacing, SEARCHES):
+    best = _apart(pool, squares[:, -1], spacing, SEARCHES)
+    others = _apart(pool, squares[:, -1], APART * first_spacing, SEARCHES)
+    for row in dict.fromkeys([*best, *others]):
         x = _placed(problem, spans, pool[row])
         searches.append(minimise(problem, x, 1e-10, MOST_STEPS))
     return sorted(searches, key=lambda search: search.squares)

@@ -157,6 +157,8 @@ def _doubts_of_valley(
             f"the sum of squares is nearly as small at {listed}: this may be a worse "
             "valley than the true one; give more data, or fix what is known otherwise"
         )
+    elif problem.film.kind == "reversal":
+        remarks += doubts.doubts_of_exact_times(problem.film, estimate.noise)
     names = list(problem.scales)
     noise_counts = estimate.noise > LEAST_NOISE * problem.film.size
     bent = (rises < 1 / BENT) | (rises > BENT)

@@ -160,7 +160,10 @@ def noise_ratio(problem: Problem, search: Search) -> float:
     if film.error is not None:
         rows = search.residuals[: problem.rows]
         return math.sqrt(float((rows**2).sum()) / max(problem.freedom, 1))
-    return size / film.rough_noise
+    noise = film.rough_noise
+    if noise == 0:  # nothing has moved in this part of a film
+        return 0.0
+    return size / noise
 
 
 def is_close(problem: Problem, search: Search) -> bool:
@@ -178,5 +181,4 @@ def looks_like_noise(problem: Problem, search: Search) -> bool:
     if noise_ratio(problem, search) < EXACT:
         # What is left of data without noise are rounding errors.
         return True
-    is_white = doubts.correlation(residuals) < doubts.noise_limit(problem.film)
-    return is_white and is_close(problem, search)
+    return doubts.is_noise(residuals) and is_close(problem, search)
