@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
 import numpy as np
 
-from rattlesweep.arrays import Floats, refuse_foreign_units, unmasked
+from rattlesweep.arrays import EXACT, Floats, refuse_foreign_units, unmasked
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.si import GRAVITY, Units
@@ -34,7 +34,6 @@ KINDS = {
 }
 KINDS |= {"omega": "spin", "from_time": "time", "times": "time"}
 KINDS |= {"e_p0": "energy", "e_r0": "energy"}
-EXACT = 2**53  # whole numbers up to this are exact as floats
 # Columns that hold the size of bodies, and the height of their rims.
 SIZE = ("mass_kg", "height_m", "gravity_m_s2", "rim")
 OF_BODIES = (*PARAMETERS, "c", *SIZE)

@@ -16,6 +16,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as csv
 import pyarrow.parquet as pq
 
+from rattlesweep.arrays import EXACT
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.files import as_path, open_regular
 
@@ -31,7 +32,6 @@ POINT_DECIMAL = re.compile(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?")
 
 
 WHOLE = re.compile(r"0|-?[1-9]\d*", re.ASCII)
-EXACT = 2**53  # whole numbers up to this are exact as floats
 
 
 def of_all(name: str) -> bool:

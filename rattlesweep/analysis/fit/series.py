@@ -155,11 +155,12 @@ def _part(problem: Problem, share: float) -> Problem:
 def noise_ratio(problem: Problem, search: Search) -> float:
     """Return the residuals over the noise from frame to frame, or over the errors."""
     film = problem.film
-    rows = search.residuals[: problem.rows] * problem.errors
+    rows = search.residuals[: problem.rows]
+    if film.error is None:
+        rows = rows * problem.errors
     size = math.sqrt(float((rows**2).sum()) / max(problem.freedom, 1))
     if film.error is not None:
-        rows = search.residuals[: problem.rows]
-        return math.sqrt(float((rows**2).sum()) / max(problem.freedom, 1))
+        return size
     noise = film.rough_noise
     if noise == 0:  # nothing has moved in this part of a film
         return 0.0

@@ -21,12 +21,12 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from rattlesweep.arrays import Flags, Floats, Integers, take
+from rattlesweep.arrays import EXACT, Flags, Floats, Integers, take
 from rattlesweep.design.bodies import Bodies
 from rattlesweep.design.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
 from rattlesweep.design.config.schema import TABLE, TableSource
 from rattlesweep.design.config.values import AT_REST, NO_UNIT_VECTOR, normalised
-from rattlesweep.design.tables import EXACT, read_table, unreadable
+from rattlesweep.design.tables import read_table, unreadable
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.files import as_path
 from rattlesweep.physics import si
