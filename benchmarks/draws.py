@@ -66,7 +66,7 @@ def main() -> None:
             print(f"{size:7d}", *(f"{value:11.2e}" for value in row))
     if options.figure is not None:
         with style.styled():
-            style.save(draw_figure(errors), [options.figure], 150)
+            style.save_figure(draw_figure(errors), [options.figure], 150)
 
 
 def draw_figure(errors: dict[str, np.ndarray]) -> Figure:

@@ -261,7 +261,7 @@ def refit(pairs: list[Pair]) -> None:
     """Print the constants of least overestimate that cover the wanted share."""
     trials = []
     for values in itertools.product(*TRIED):
-        fit = error.Fit(*values)
+        fit = error.ErrorFit(*values)
         error.FITS["dop853"] = fit
         judged = [judge(*pair.errors()) for pair in pairs]
         least_covered = min(covered for covered, _ in judged)

@@ -131,7 +131,7 @@ def main() -> None:
         if refine == {"levels": 4} and options.figure is not None:
             with style.styled():
                 figure = draw(stored, code, done, missed)
-                style.save(figure, [options.figure], 150)
+                style.save_figure(figure, [options.figure], 150)
 
 
 def draw(stored, code: np.ndarray, done: np.ndarray, missed: np.ndarray) -> object:

@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Places = NDArray[np.intp]
 Flags = NDArray[np.bool_]
-EXACT = 2**53  # whole numbers up to this are exact as floats
+EXACT_WHOLE = 2**53  # whole numbers up to this are exact as floats
 
 T = TypeVar("T")
 

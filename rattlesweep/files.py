@@ -15,7 +15,7 @@ from typing import BinaryIO
 from rattlesweep.errors import ConfigError, OutputError, one_line
 
 UNSET = re.compile(r"\$(\w+|\{\w+\})")  # variables that are left in a path
-MOST_BYTES = 1 << 28  # of a file that is read as a whole
+_MOST_BYTES = 1 << 28  # of a file that is read as a whole
 UNFINISHED = re.compile(r"\..+\.[0-9a-f]{8}\.tmp")  # names of files being written
 # Directories that are held in their places, and what they were.
 _held: list[tuple[Path, os.stat_result]] = []
@@ -68,7 +68,7 @@ def open_regular(path: Path) -> BinaryIO:
     return open(path, "rb")
 
 
-def read_regular(path: Path, limit: int = MOST_BYTES) -> bytes:
+def read_regular(path: Path, limit: int = _MOST_BYTES) -> bytes:
     """Return the bytes of a file, at most `limit`, or raise an OSError that says why.
 
     Only regular files are read; see :func:`open_regular`.

@@ -34,12 +34,12 @@ else:
     import fcntl
 
 # Seconds between two attempts to take a lock, at first and at most.
-POLL = 0.005
+_POLL = 0.005
 LONGEST_POLL = 0.25
 BEAT = 1.0  # seconds between two touches of a note
 SILENCE = 15.0  # seconds without a touch after which the holder of a note is dead
 SETTLE = 0.5  # seconds in which another process may take over the same note
-MOST_BYTES = 4096  # of a note
+_MOST_BYTES = 4096  # of a note
 # Errors of file systems and networks without locks.
 NO_LOCKS = {errno.ENOSYS, errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL}
 IS_HELD = {errno.EAGAIN, errno.EACCES, errno.EWOULDBLOCK, errno.EDEADLK}
@@ -82,7 +82,7 @@ class LockFile:
         that is known.
         """
         start = time.monotonic()
-        delay = POLL
+        delay = _POLL
         first_touch = _touched(self._note)
         while not self._try():
             waited = time.monotonic() - start
@@ -268,7 +268,7 @@ def read_note(path: Path) -> Holder | None:
     with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
         handle = os.open(path, os.O_RDONLY | AS_IT_IS)
         try:
-            values = json.loads(os.read(handle, MOST_BYTES))
+            values = json.loads(os.read(handle, _MOST_BYTES))
         finally:
             os.close(handle)
         texts = (str(values[name])[:100] for name in ("host", "since", "token"))

@@ -20,7 +20,7 @@ ENERGY = "M g a"
 FORCE = "M g"
 DAMPING = "M a^2 sqrt(g/a)"
 
-MAX_INERTIA = 1e6  # M a^2
+_MAX_INERTIA = 1e6  # M a^2
 # At this spin, in sqrt(g/a), a tilt of 1e-6 rad takes a contact force of the weight.
 MAX_SPEED = 1e3
 MAX_SIGMA = 1e6  # M a^2 sqrt(g/a)
@@ -125,7 +125,7 @@ _BODY = (
         unit="1",
         meaning="I_xx / (M a^2) + 1",
         low=1.0,
-        high=MAX_INERTIA,
+        high=_MAX_INERTIA,
         is_open=True,
     ),
     Definition(
@@ -133,7 +133,7 @@ _BODY = (
         unit="1",
         meaning="I_yy / (M a^2) + 1",
         low=1.0,
-        high=MAX_INERTIA,
+        high=_MAX_INERTIA,
         is_open=True,
     ),
     Definition(
@@ -141,7 +141,7 @@ _BODY = (
         unit="1",
         meaning="I_zz / (M a^2)",
         low=0.0,
-        high=MAX_INERTIA,
+        high=_MAX_INERTIA,
         is_open=True,
     ),
     Definition(
@@ -416,6 +416,9 @@ _THEORY = (
     Definition("n", RATE, "spin u . omega", "spin", formula="spin $n$"),
 )
 
+INITIAL_RATES = ("n_i", "omega_xy0")
+"""The spin and the oscillation with which a run is launched."""
+
 ANGLES = {"xi_deg": 1, "minus_xi_deg": -1}
 """Names of the skew angle in degrees, and their signs."""
 
@@ -436,7 +439,7 @@ MEASURES: dict[str, tuple[Definition, Measure]] = {
 LOSSES: dict[str, Loss] = {loss.name: loss for loss in _DISSIPATION}
 """The constants of dissipation by name."""
 
-LAWS: dict[str, tuple[str, ...]] = {
+CONSTANTS_OF_LAW: dict[str, tuple[str, ...]] = {
     "viscous": ("sigma",),
     "rolling": ("sigma", "rolling"),
 }
@@ -446,13 +449,15 @@ Runs have the first law that takes all constants that are not zero.  Its formula
 :mod:`rattlesweep.physics.surface`.
 """
 
-COUPLES = frozenset(name for constants in LAWS.values() for name in constants)
+COUPLE_CONSTANTS = frozenset(
+    name for constants in CONSTANTS_OF_LAW.values() for name in constants
+)
 """The constants of couples, under which a spin decays."""
 
 SURFACE_CONSTANTS: dict[str, SurfaceConstant] = {each.name: each for each in _SURFACE}
 """The further constants of surfaces by name."""
 
-SURFACES: dict[str, str | None] = {"paraboloid": None, "ellipsoid": "c"}
+CONSTANT_OF_SURFACE: dict[str, str | None] = {"paraboloid": None, "ellipsoid": "c"}
 """The surfaces, each with its further constant; bodies without one are the first."""
 
 
@@ -461,8 +466,8 @@ def law_of(names: Collection[str]) -> str | None:
 
     There is at least one.
     """
-    couples = COUPLES.intersection(names)
-    for law, constants in LAWS.items():
+    couples = COUPLE_CONSTANTS.intersection(names)
+    for law, constants in CONSTANTS_OF_LAW.items():
         if couples <= {*constants}:
             return law
     return None

@@ -13,7 +13,7 @@ import numpy as np
 from rattlesweep.arrays import Floats
 
 LEAST_INDEX = 2.0  # below it the standard error of a mean means nothing
-FEWEST = 100  # values that an estimate of the tail needs
+_FEWEST = 100  # values that an estimate of the tail needs
 
 
 def tail_index(values: Floats) -> float:
@@ -23,7 +23,7 @@ def tail_index(values: Floats) -> float:
     index over the root of this number.  B. M. Hill, Ann. Stat. 3, 1163 (1975).
     """
     count = len(values)
-    if count < FEWEST:
+    if count < _FEWEST:
         return math.nan
     largest = round(1.5 * math.sqrt(count))
     tail = np.partition(values, count - largest - 1)[-largest - 1 :]

@@ -25,7 +25,7 @@ DELAY = 0.5  # seconds after which a bar appears, so that short work shows none
 LINE_EVERY = 60.0  # seconds between lines of progress where there is no terminal
 
 
-class Progress(Protocol):
+class HasProgress(Protocol):
     """How far a sweep is, as its job reports it."""
 
     @property
@@ -98,7 +98,7 @@ class Bar(AbstractContextManager["Bar"]):
         if self._bar is not None:
             self._bar.close()
 
-    def __call__(self, progress: Progress) -> None:
+    def __call__(self, progress: HasProgress) -> None:
         """Show the progress of a sweep."""
         left = ""
         if progress.left is not None:

@@ -118,7 +118,7 @@ def in_si(value: Any, kind: str) -> Any:
     return value.magnitude * size
 
 
-def as_text(value: Any) -> Any:
+def quantity_text(value: Any) -> Any:
     """Return a quantity of Pint as configs have it: texts with units, or numbers."""
     size, base = _base_of(value)
     is_pure = base == _base_of_text("")[1]

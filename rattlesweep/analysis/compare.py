@@ -12,11 +12,11 @@ from rattlesweep.design.cases import Case
 from rattlesweep.design.config.read import differences, fixed_part, resolved
 from rattlesweep.errors import ConfigError, OutputError, printable
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.quantities import INITIAL_RATES
 from rattlesweep.store.rows import Stored, open_stored
 from rattlesweep.store.types import TYPES
 
 MOST_LISTED = 10
-SPIN = ("n_i", "omega_xy0")
 # Columns that identify a run; their last digits may differ between machines.
 _RUN = [*PARAMETERS, "n_i", "omega_xy0"]
 _LISTED = [
@@ -53,7 +53,7 @@ class Comparison:
     data: dict[str, Any]
 
     def __repr__(self) -> str:
-        return as_text(self, 20)
+        return comparison_text(self, 20)
 
     def disagree(self, allowed: float) -> bool:
         """Return whether too many times differ beyond their errors, or a sure type."""
@@ -219,7 +219,11 @@ def _physics(side: Stored) -> dict[str, object]:
 def _same_cases(side: Stored) -> list[Case]:
     """Return the targets and launches of the cases, without their dissipation."""
     return [
-        replace(case, losses=(), in_si=tuple(of for of in case.in_si if of[0] in SPIN))
+        replace(
+            case,
+            losses=(),
+            in_si=tuple(of for of in case.in_si if of[0] in INITIAL_RATES),
+        )
         for case in side.cases
     ]
 
@@ -238,7 +242,7 @@ def _settings(side: Stored) -> dict[str, object]:
     }
 
 
-def as_text(comparison: Comparison, most_cases: int) -> str:
+def comparison_text(comparison: Comparison, most_cases: int) -> str:
     """Return the comparison as text, with at most so many cases."""
     data = comparison.data
     lines = []
@@ -277,7 +281,7 @@ def _type_table(types: dict[str, dict[str, int]]) -> str:
     )
 
 
-def save(comparison: Comparison, path: Path) -> None:
+def save_comparison(comparison: Comparison, path: Path) -> None:
     """Write a histogram of the differences of t_r, over their errors if known."""
     total = comparison.data["total"]
     values = comparison.runs.over_errors
@@ -315,4 +319,4 @@ def save(comparison: Comparison, path: Path) -> None:
         if of_models:
             caption += " The differences are those of models, not errors."
         style.add_caption(figure, [caption])
-        style.save(figure, [path])
+        style.save_figure(figure, [path])

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from rattlesweep.analysis.layout import TARGETS, Layout, fill
+from rattlesweep.analysis.layout import TARGETS, SweepLayout, fill
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.design.columns import COLUMNS, define, unit_and_meaning
 from rattlesweep.design.config import not_one_of
@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 
 def make_dataset(
-    layout: Layout, columns: Sequence[str] | None = None, *, fill_refined: bool = False
+    layout: SweepLayout,
+    columns: Sequence[str] | None = None,
+    *,
+    fill_refined: bool = False,
 ) -> xarray.Dataset:
     """Return the runs along the axes of their sweep, as ``Sweep.to_xarray`` promises.
 
@@ -85,7 +88,7 @@ def _described(unit: str, meaning: str) -> dict[str, str]:
     return {"units": unit, "long_name": meaning}
 
 
-def _data_columns(layout: Layout, columns: Sequence[str] | None) -> list[str]:
+def _data_columns(layout: SweepLayout, columns: Sequence[str] | None) -> list[str]:
     """Return the columns that are data and no axis; raise for unknown ones."""
     schema = layout.stored.schema
     single = [name for name in schema.names if name not in layout.lists]
@@ -100,7 +103,7 @@ def _data_columns(layout: Layout, columns: Sequence[str] | None) -> list[str]:
     return [name for name in columns if name not in coordinates]
 
 
-def _read(layout: Layout, names: Sequence[str]) -> pa.Table:
+def _read(layout: SweepLayout, names: Sequence[str]) -> pa.Table:
     """Return the keys and some columns of the runs, of which there may be none."""
     schema = pa.schema(
         [layout.stored.schema.field(name) for name in ("case", "sample", *names)]

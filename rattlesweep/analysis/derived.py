@@ -12,7 +12,14 @@ from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.readings import Shape, turning_friction
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import direction, garcia_hubbard
-from rattlesweep.quantities import COUPLES, LENGTH, LOSSES, QUANTITIES, RATE, TIME
+from rattlesweep.quantities import (
+    COUPLE_CONSTANTS,
+    LENGTH,
+    LOSSES,
+    QUANTITIES,
+    RATE,
+    TIME,
+)
 
 SPINS = ("n", "n_i", "n_0", "n_c1", "n_reduced", "n_gh")  # in SI units in rpm
 # A coefficient of friction that a smooth stone on a smooth table may lack.
@@ -23,7 +30,7 @@ SLIPS_AT_REVERSAL = (
 )
 
 
-class Quantity(NamedTuple):
+class DerivedQuantity(NamedTuple):
     """A derived number, or None where theory has none."""
 
     name: str
@@ -51,7 +58,7 @@ def needed_friction(body: Rattleback, psi: Floats, n_0: Floats) -> float:
 
 def derived(
     body: Rattleback, n_i: float, omega_xy0: float, **losses: float
-) -> list[Quantity]:
+) -> list[DerivedQuantity]:
     """Return all that theory says about a body and a launch on the relevant mode.
 
     `losses` are constants of dissipation.
@@ -63,7 +70,7 @@ def derived(
     psi = direction(m, n_i, "relevant")
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)
     friction = needed_friction(body, psi, gh.n_0)
-    losses = {name: losses.get(name, 0.0) for name in COUPLES}
+    losses = {name: losses.get(name, 0.0) for name in COUPLE_CONSTANTS}
     sigma = losses["sigma"]
     lossy = any(value > 0 for value in losses.values())
     # With losses no spin is steady.
@@ -77,7 +84,7 @@ def derived(
     exact = np.array(steady.growth(constants, n_i, sigma))
     small = np.array(theory.growth_rates(m.K_p, m.K_r, n_i)) - damping
     outgrows = 2 * damping / [m.K_p, -m.K_r]
-    if any(losses[name] > 0 for name in COUPLES if not LOSSES[name].is_linear):
+    if any(losses[name] > 0 for name in COUPLE_CONSTANTS if not LOSSES[name].is_linear):
         # For example, with rolling resistance no small oscillation grows.
         exact *= math.nan
         small *= math.nan
@@ -139,15 +146,15 @@ def derived(
 
 def _quantity(
     body: Rattleback, name: str, number: float, unit: str, description: str
-) -> Quantity:
+) -> DerivedQuantity:
     """Return a number with its value in SI units; None if it is not finite."""
     if not math.isfinite(number):
-        return Quantity(name, None, unit, description, None)
+        return DerivedQuantity(name, None, unit, description, None)
     value = float(number)
     if body.units is None or unit not in body.units.sizes:
-        return Quantity(name, value, unit, description, None)
+        return DerivedQuantity(name, value, unit, description, None)
     size, si_unit = si_of(name, unit, body.units)
-    return Quantity(name, value, unit, description, (value * size, si_unit))
+    return DerivedQuantity(name, value, unit, description, (value * size, si_unit))
 
 
 def si_of(name: str, unit: str, units: Units) -> tuple[float, str]:

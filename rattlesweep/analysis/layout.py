@@ -26,10 +26,10 @@ from rattlesweep.store.rows import Stored, open_stored
 from rattlesweep.store.summary import SI, Counts, Moments, columns_for
 
 # Relative difference up to which a value typed in decimals means a stored one.
-NEAR = 1e-6
+_NEAR = 1e-6
 SKEW = "minus_xi_deg"  # the config's name for -xi, which has no column of its own
 TARGETS = ("K_p", "K_r")
-LAUNCH = (*VARIES, *(name for name, _ in SI.values()))
+LAUNCH_COLUMNS = (*VARIES, *(name for name, _ in SI.values()))
 
 
 @dataclass(frozen=True)
@@ -106,8 +106,8 @@ class Axis:
         if between:
             matches = (v >= numbers[:1]) & (v <= numbers[-1:])
         else:
-            least = NEAR**2 * float(np.abs(v).max())
-            matches = np.isclose(v, numbers, rtol=NEAR, atol=least)
+            least = _NEAR**2 * float(np.abs(v).max())
+            matches = np.isclose(v, numbers, rtol=_NEAR, atol=least)
         if not matches.any(axis=1).all():
             known = np.array2string(v, precision=6, separator=", ", threshold=9)[1:-1]
             raise ConfigError(
@@ -121,7 +121,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Layout:
+class SweepLayout:
     """The axes of a sweep, a selection of their values, and a condition on its runs."""
 
     stored: Stored
@@ -139,7 +139,7 @@ class Layout:
     @property
     def several(self) -> list[str]:
         """Names of the axes with several values, those of the launch first."""
-        names = sorted(self.axes, key=lambda name: name not in LAUNCH)
+        names = sorted(self.axes, key=lambda name: name not in LAUNCH_COLUMNS)
         return [name for name in names if self.lengths[name] > 1]
 
     @property
@@ -238,13 +238,13 @@ class Layout:
             return f"{column}_s"
         return column
 
-    def chosen(self, where: str | None) -> Layout:
+    def chosen(self, where: str | None) -> SweepLayout:
         """Return the layout of the runs that meet a condition; None selects all."""
         if where is None:
             return replace(self, where=None)
         return replace(self, where=parse_where(where, self.stored.schema))
 
-    def select(self, texts: Sequence[str]) -> Layout:
+    def select(self, texts: Sequence[str]) -> SweepLayout:
         """Return the layout of the values that ``NAME=VALUES`` selects."""
         axes = dict(self.axes)
         for text in texts:
@@ -253,7 +253,7 @@ class Layout:
             axes[key] = axes[key].only(wanted, f"select {text}")
         return replace(self, axes=axes)
 
-    def in_si(self) -> Layout:
+    def in_si(self) -> SweepLayout:
         """Return the layout with times in seconds and, for one size, spins in rpm."""
         if "t_r_s" not in self.stored.schema.names:
             return self
@@ -261,7 +261,7 @@ class Layout:
         sizes: dict[str, float] = {}
         spins = self.stored.read(["n_i", "n_i_rpm"]).to_pandas().query("n_i != 0")
         factor = (spins["n_i_rpm"] / spins["n_i"]).to_numpy()
-        if len(factor) and np.ptp(factor) < NEAR * factor[0]:
+        if len(factor) and np.ptp(factor) < _NEAR * factor[0]:
             sizes["n_i"] = factor[0]
         for name, values in self.stored.config.settings.items():
             in_si = [value.si for value in values if value.si is not None]
@@ -296,7 +296,7 @@ def in_seconds(rows: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
     return rows
 
 
-def read_layout(directory: Path) -> Layout:
+def read_layout(directory: Path) -> SweepLayout:
     """Read the axes of a sweep from its manifest; raise if it has no runs."""
     stored = open_stored(directory)
     if not stored.files():
@@ -326,7 +326,7 @@ def read_layout(directory: Path) -> Layout:
     for name, numbers in (values | grid).items():
         distinct, rank = np.unique(np.asarray(numbers, float), return_inverse=True)
         axes[name] = Axis(name, distinct, rank)
-    return Layout(stored, axes, list(grid))
+    return SweepLayout(stored, axes, list(grid))
 
 
 def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:

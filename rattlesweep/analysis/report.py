@@ -17,9 +17,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 from ruamel.yaml import YAML
 
-from rattlesweep.analysis.layout import Layout, read_layout
+from rattlesweep.analysis.layout import SweepLayout, read_layout
 from rattlesweep.analysis.plots import MAPS, choose_picture, default_kind
-from rattlesweep.analysis.style import encode, styled
+from rattlesweep.analysis.style import encode_figure, styled
 from rattlesweep.design.columns import floats
 from rattlesweep.design.config.read import resolved
 from rattlesweep.errors import ConfigError, OutputError
@@ -33,7 +33,7 @@ from rattlesweep.store.summary import (
     summary_table,
 )
 
-DPI = 120
+_DPI = 120
 # Bytes; larger pictures become PNG, or a page of seven would exceed 5 MB.
 MOST_SVG = 400_000
 MOST_FITTING = 480.0  # points of width of a picture that is shrunk to a narrow screen
@@ -177,12 +177,12 @@ def _session_cells(session: Mapping[str, object]) -> list[object]:
 
 def _encoded(figure: Figure) -> tuple[bytes, bytes]:
     """Return a figure as SVG, and as PNG if that is too large."""
-    svg = encode(figure, "svg", DPI)
-    png = encode(figure, "png", DPI) if len(svg) > MOST_SVG else b""
+    svg = encode_figure(figure, "svg", _DPI)
+    png = encode_figure(figure, "png", _DPI) if len(svg) > MOST_SVG else b""
     return svg, png
 
 
-def _shown(layout: Layout, kind: str) -> Mapping[str, object]:
+def _shown(layout: SweepLayout, kind: str) -> Mapping[str, object]:
     """Return a picture for the page, or why there is none, such as too many panels."""
     try:
         with styled():

@@ -23,15 +23,15 @@ from rattlesweep.store.rows import open_stored
 from rattlesweep.store.types import TYPES
 from rattlesweep.tails import LEAST_INDEX, tail_index
 
-QUANTITIES = {"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"} | {
+_QUANTITIES = {"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"} | {
     f"P({n})": f"P({n})" for n in TYPES
 }
-FEWEST = 64  # groups that indices need
+_FEWEST = 64  # groups that indices need
 MOST_MISSING = 0.05  # of the groups; with more, the rest no longer represent the ranges
 # Of the bootstrap.
 REPLICATES = 300
-SEED = 20170427
-MOST_CASES = 6  # in a figure
+_SEED = 20170427
+_MOST_CASES = 6  # in a figure
 _INDICES = {"first": ("first order", style.BLUE), "total": ("total", style.ORANGE)}
 
 
@@ -46,7 +46,7 @@ class Indices(TypedDict):
 def sensitivity(directory: Path) -> Indices:
     """Compute the indices of the complete groups of runs on disk.
 
-    ``indices`` has a row for each ``case``, ``of`` (one of `QUANTITIES`) and
+    ``indices`` has a row for each ``case``, ``of`` (one of `_QUANTITIES`) and
     ``parameter``, with 95 % intervals by bootstrap; ``notes`` says which quantities
     have no indices, and why.  The result can be written as JSON.
     """
@@ -62,7 +62,7 @@ def sensitivity(directory: Path) -> Indices:
     _add_quantities(frame)
     rows: list[dict[str, int | float | str]] = []
     notes: list[str] = []
-    for (case, runs), quantity in product(frame.groupby("case"), QUANTITIES):
+    for (case, runs), quantity in product(frame.groupby("case"), _QUANTITIES):
         # One row for each group whose runs are all stored.
         size = runs.groupby("group")["group"].transform("size")
         groups = runs[size == bodies.group].pivot(
@@ -70,7 +70,7 @@ def sensitivity(directory: Path) -> Indices:
         )
         # A group is usable if all of its runs have a value.
         usable = groups.dropna()
-        if len(usable) < max(FEWEST, (1 - MOST_MISSING) * len(groups)):
+        if len(usable) < max(_FEWEST, (1 - MOST_MISSING) * len(groups)):
             notes.append(
                 f"case {case}, {quantity}: no indices, as only {len(usable):,} of "
                 f"{len(groups):,} groups have a value in all runs, and these do not "
@@ -105,7 +105,7 @@ def sensitivity(directory: Path) -> Indices:
 
 
 def _add_quantities(frame: pd.DataFrame) -> None:
-    """Add a column for each of `QUANTITIES`, NaN where a run has no value."""
+    """Add a column for each of `_QUANTITIES`, NaN where a run has no value."""
     frame["type"] = frame["type"].where(frame["status"] == "ok")
     frame["t_r"] = frame["t_r"].where(frame["type"] == "R")
     frame["log10 t_r"] = np.log10(frame["t_r"])
@@ -129,7 +129,7 @@ def indices(f: Floats) -> list[dict[str, float]]:
         total = 0.5 * ((a - mixed) ** 2).mean(axis=1)
         return np.array([first, total]) / variance
 
-    random = np.random.default_rng(SEED)
+    random = np.random.default_rng(_SEED)
     n = f.shape[1]
     resampled = [estimate(f[:, random.integers(0, n, n)]) for _ in range(REPLICATES)]
     low, high = np.nanquantile(resampled, (0.025, 0.975), axis=0)
@@ -144,7 +144,7 @@ def indices(f: Floats) -> list[dict[str, float]]:
     return rows
 
 
-def as_text(result: Indices, most_cases: int) -> str:
+def sensitivity_text(result: Indices, most_cases: int) -> str:
     """Return a table of the indices with their intervals, for at most so many cases."""
     cases = result["cases"]
     rows = []
@@ -158,11 +158,11 @@ def as_text(result: Indices, most_cases: int) -> str:
     return "\n".join(lines)
 
 
-def save(result: Indices, path: Path) -> None:
+def save_sensitivity(result: Indices, path: Path) -> None:
     """Write a figure with a panel of bars for each case and quantity."""
     frame = pd.DataFrame(result["indices"])
-    names = [name for name in QUANTITIES if name in set(frame["of"])]
-    cases = frame["case"].unique()[:MOST_CASES]
+    names = [name for name in _QUANTITIES if name in set(frame["of"])]
+    cases = frame["case"].unique()[:_MOST_CASES]
     width = max(4.0, 1.2 + 2.0 * len(names))
     height = 1.2 + 1.9 * len(cases)
     with style.styled():
@@ -175,7 +175,7 @@ def save(result: Indices, path: Path) -> None:
             of_panel = frame[(frame["case"] == case) & (frame["of"] == name)]
             _draw_bars(axes, of_panel)
             if i == 0:
-                axes.set_title(QUANTITIES[name], fontsize="medium")
+                axes.set_title(_QUANTITIES[name], fontsize="medium")
             if j == 0:
                 varied = {k: v for k, v in result["cases"][case].items() if k != "case"}
                 lines = [style.value_text(k, v) for k, v in varied.items()]
@@ -195,7 +195,7 @@ def save(result: Indices, path: Path) -> None:
                 "value does not vary or too few groups of runs have one."
             ],
         )
-        style.save(figure, [path])
+        style.save_figure(figure, [path])
 
 
 def _draw_bars(axes: Axes, rows: pd.DataFrame) -> None:

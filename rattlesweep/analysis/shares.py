@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from rattlesweep.analysis.layout import Layout
+from rattlesweep.analysis.layout import SweepLayout
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.design.columns import floats
 from rattlesweep.errors import OutputError
 from rattlesweep.store.decide import nearest_rows
-from rattlesweep.store.types import DEAD, TYPES, codes, wilson
+from rattlesweep.store.types import CODE_DEAD, TYPES, codes, wilson
 
-BINS = 10
+_BINS = 10
 MOST_OF_AXIS = 50  # values of an axis that are never put together
 
 
@@ -31,7 +31,7 @@ class Points:
     values: dict[str, Floats]  # by name of a column or of an axis
 
 
-class Bins(NamedTuple):
+class ColumnBins(NamedTuple):
     """Bins along a column: their ends, and the bin of each point."""
 
     low: Floats
@@ -39,7 +39,9 @@ class Bins(NamedTuple):
     rank: Integers
 
 
-def fractions_by(layout: Layout, by: Sequence[str], bins: int = BINS) -> pd.DataFrame:
+def fractions_by(
+    layout: SweepLayout, by: Sequence[str], bins: int = _BINS
+) -> pd.DataFrame:
     """Return the fractions of the types over bins of columns; see `fractions_of`."""
     points = read_points(layout, by)
     if not len(points.run):
@@ -51,7 +53,7 @@ def fractions_by(layout: Layout, by: Sequence[str], bins: int = BINS) -> pd.Data
 
 
 def fractions_of(
-    layout: Layout, points: Points, by: Sequence[str], bins: int
+    layout: SweepLayout, points: Points, by: Sequence[str], bins: int
 ) -> pd.DataFrame:
     """Return the fractions of the types of some points, a row for each bin.
 
@@ -59,7 +61,7 @@ def fractions_of(
     them; otherwise the bins hold equal numbers of points.  Several columns make a grid
     of bins, of which those without a point are left out.
     """
-    all_bins: list[Bins] = []
+    all_bins: list[ColumnBins] = []
     for name in by:
         count = max(bins, MOST_OF_AXIS) if name in layout.axes else bins
         all_bins.append(bin_equally(points.values[name], count))
@@ -92,7 +94,7 @@ def fractions_of(
     return pd.DataFrame(rows)
 
 
-def read_points(layout: Layout, names: Sequence[str]) -> Points:
+def read_points(layout: SweepLayout, names: Sequence[str]) -> Points:
     """Read the points that are ok and have a value of each column or axis."""
     axes = [name for name in names if name in layout.axes]
     columns = [name for name in names if name not in layout.axes]
@@ -119,7 +121,7 @@ def read_points(layout: Layout, names: Sequence[str]) -> Points:
     )
 
 
-def _all_points(layout: Layout, rows: pa.Table) -> tuple[pa.Table, Integers]:
+def _all_points(layout: SweepLayout, rows: pa.Table) -> tuple[pa.Table, Integers]:
     """Return a row for each point of a refined grid, and the index of its run."""
     cases: list[Integers] = []
     samples: list[Integers] = []
@@ -140,26 +142,26 @@ def _all_points(layout: Layout, rows: pa.Table) -> tuple[pa.Table, Integers]:
     return points, run
 
 
-def bin_equally(values: Floats, count: int) -> Bins:
+def bin_equally(values: Floats, count: int) -> ColumnBins:
     """Return bins with equal numbers of values, or one for each if they are few."""
     distinct, index = np.unique(values, return_inverse=True)
     if len(distinct) <= count:
-        return Bins(distinct, distinct, index)
+        return ColumnBins(distinct, distinct, index)
     # Equal values stay together, so that there may be fewer bins.
     edges = np.unique(np.quantile(values, np.linspace(0, 1, count + 1)))
     index = np.searchsorted(edges, values, side="right") - 1
-    return Bins(edges[:-1], edges[1:], np.minimum(index, len(edges) - 2))
+    return ColumnBins(edges[:-1], edges[1:], np.minimum(index, len(edges) - 2))
 
 
-def _types(layout: Layout, points: Points) -> list[str]:
+def _types(layout: SweepLayout, points: Points) -> list[str]:
     """Return the types of the table: those of the paper, and D where runs may die."""
     names = list(TYPES)
-    if not layout.stored.config.dissipation and DEAD not in points.type:
-        names.remove(TYPES[DEAD])
+    if not layout.stored.config.dissipation and CODE_DEAD not in points.type:
+        names.remove(TYPES[CODE_DEAD])
     return names
 
 
-def _name(layout: Layout, name: str) -> str:
+def _name(layout: SweepLayout, name: str) -> str:
     """Return the name of a column or of an axis in tables."""
     if name in layout.axes:
         return layout.axes[name].name

@@ -44,8 +44,8 @@ GREY = "#555555"
 SILVER = "#A6A6A6"
 FAINT = "#e4e4e4"
 # Cells of a map without a type or a value.
-FAILED = BLACK
-MISSING = "#FFFFFF"
+FAILED_COLOUR = BLACK
+MISSING_COLOUR = "#FFFFFF"
 NO_REVERSAL = "#F3D9D2"
 
 
@@ -119,10 +119,10 @@ FORMATS = {
     "pdf": {"CreationDate": None},
 }
 
-DPI = 150.0
+_DPI = 150.0
 # Steps below this part of a curve's range are not counted as oscillations.
-ROUNDING = 1e-9
-BINS = 1000  # stretches of a curve, each about a pixel wide
+_ROUNDING = 1e-9
+_BINS = 1000  # stretches of a curve, each about a pixel wide
 # A curve of more oscillations would be solid ink, so the envelope is drawn.
 MOST_PERIODS = 150
 CAPTION_SIZE = 7.0  # points; less where the text of the figure is small
@@ -377,15 +377,15 @@ def curve(
 
     lines: dict[str, Any] = {"color": colour, "linewidth": 0.8} | look
     steps = np.diff(values)
-    steps = steps[np.abs(steps) > ROUNDING * np.ptp(values)]
+    steps = steps[np.abs(steps) > _ROUNDING * np.ptp(values)]
     periods = np.count_nonzero(np.diff(np.sign(steps))) / 2
     if periods <= MOST_PERIODS or not np.isfinite(values).all():
-        places = thin(values, BINS)
+        places = thin(values, _BINS)
         axis.plot(t[places], values[places], **lines)
         return
     # The lowest and the highest value within an oscillation around each place.
     width = math.ceil(1.2 * len(t) / periods)
-    places = np.linspace(0, len(t) - 1, 2 * BINS).round().astype(np.int64)
+    places = np.linspace(0, len(t) - 1, 2 * _BINS).round().astype(np.int64)
     low = minimum_filter1d(values, width, mode="nearest")[places]
     high = maximum_filter1d(values, width, mode="nearest")[places]
     axis.fill_between(t[places], low, high, color=colour, alpha=0.25, linewidth=0)
@@ -394,7 +394,7 @@ def curve(
     axis.plot(t[places], high, **lines)
 
 
-def encode(figure: Figure, kind: str, dpi: float = DPI) -> bytes:
+def encode_figure(figure: Figure, kind: str, dpi: float = _DPI) -> bytes:
     """Return a figure in one of `FORMATS`; equal figures give equal bytes."""
     buffer = io.BytesIO()
     with valid_texts():
@@ -420,7 +420,7 @@ def valid_texts() -> Iterator[None]:
         raise ConfigError(f"a text in the picture: {reason}; {advice}") from None
 
 
-def save(figure: Figure, paths: Sequence[Path], dpi: float = DPI) -> None:
+def save_figure(figure: Figure, paths: Sequence[Path], dpi: float = _DPI) -> None:
     """Write a figure to files atomically, in the formats of their endings."""
     for path in paths:
         kind = path.suffix.lower().removeprefix(".")
@@ -428,7 +428,7 @@ def save(figure: Figure, paths: Sequence[Path], dpi: float = DPI) -> None:
             raise ConfigError(
                 f"path {path}: the name must end in .{', .'.join(FORMATS)}"
             )
-        replace_file(path, encode(figure, kind, dpi))
+        replace_file(path, encode_figure(figure, kind, dpi))
 
 
 def save_table(rows: pd.DataFrame, path: Path) -> None:

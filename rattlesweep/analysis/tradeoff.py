@@ -53,15 +53,15 @@ AGREE_N = 1e-6
 # Errors of t_r for which the cheapest setting is named.
 WANTED = (1e-3, 1e-6, 1e-9, 1e-12)
 ADVISED = 1e-6  # error, one of these, for which the text names an integrator
-ROUNDS = 3  # measurements of each cost
-HORIZON = 1000.0  # end of the runs whose cost is measured, in sqrt(a/g)
-SHORT = 0.2  # the cost of fixed steps below this is measured on shorter runs
+_ROUNDS = 3  # measurements of each cost
+_HORIZON = 1000.0  # end of the runs whose cost is measured, in sqrt(a/g)
+_SHORT = 0.2  # the cost of fixed steps below this is measured on shorter runs
 FEWER = 0.02  # the errors of fixed steps below this are measured on fewer runs
-COLUMNS = ("t_end", "t_r", "type", "status", "n_end", "energy_drift")
-RESULTS = pa.schema([runs_schema().field(name) for name in COLUMNS])
+_COLUMNS = ("t_end", "t_r", "type", "status", "n_end", "energy_drift")
+_RESULTS = pa.schema([runs_schema().field(name) for name in _COLUMNS])
 
 
-class Setting(NamedTuple):
+class MethodSetting(NamedTuple):
     """A model and a method with its ``tol`` or ``dt``."""
 
     model: str
@@ -77,26 +77,26 @@ class Setting(NamedTuple):
         return self.model
 
 
-def _settings(method: str, name: str, *values: float) -> list[Setting]:
-    return [Setting("full", method, name, value) for value in values]
+def _settings(method: str, name: str, *values: float) -> list[MethodSetting]:
+    return [MethodSetting("full", method, name, value) for value in values]
 
 
 # Two methods that must agree on a reversal time.
 REFERENCES = [
-    Setting("full", method, "tol", 1e-13) for method in ("verner98", "dop853")
+    MethodSetting("full", method, "tol", 1e-13) for method in ("verner98", "dop853")
 ]
-PAPER = Setting("full", "rk4", "dt", 0.002)
-QUICK = [
+PAPER = MethodSetting("full", "rk4", "dt", 0.002)
+QUICK_SETTINGS = [
     PAPER,
     *_settings("dop853", "tol", 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
     *_settings("verner98", "tol", 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
-    Setting("gh", "none"),
+    MethodSetting("gh", "none"),
 ]
-FULL = [
+FULL_SETTINGS = [
     *_settings("rk4", "dt", 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.001),
     *_settings("dopri5", "tol", 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9),
-    Setting("reduced", "dop853", "tol", 1e-9),
-    *QUICK,
+    MethodSetting("reduced", "dop853", "tol", 1e-9),
+    *QUICK_SETTINGS,
 ]
 """The settings to measure: all of them, or those of ``--quick``."""
 
@@ -119,14 +119,14 @@ def draw_runs(
     return config, take(runs, np.isfinite(runs.horizon) & (runs.horizon > 0))
 
 
-def solve(
+def _solve(
     config: Config,
-    setting: Setting,
+    setting: MethodSetting,
     runs: Launches,
     threads: int = 1,
     horizon: float = math.inf,
 ) -> pd.DataFrame:
-    """Integrate runs up to `horizon` at most, and return the columns of `RESULTS`.
+    """Integrate runs up to `horizon` at most, and return the columns of `_RESULTS`.
 
     ``t_r`` is NaN without a reversal.
     """
@@ -141,7 +141,7 @@ def solve(
     )
     # Only the main thread receives Ctrl-C, so the work is done by another.
     work = Task(
-        lambda control: compute(changed, RESULTS, (runs, batch), threads, control)
+        lambda control: compute(changed, _RESULTS, (runs, batch), threads, control)
     )
     results: pd.DataFrame = work.wait().to_pandas()
     return results.assign(t_r=results["t_r"].where(results["status"] == "ok"))
@@ -158,7 +158,7 @@ def measure(
     config: Config,
     base: Path | None = None,
     *,
-    settings: Sequence[Setting] = FULL,
+    settings: Sequence[MethodSetting] = FULL_SETTINGS,
     samples: int | None = None,
     least: int = 2000,
     threads: int = 1,
@@ -183,9 +183,9 @@ def measure(
             "no run of this config reverses by its horizon, so the error of t_r "
             "cannot be measured; choose other spins or a longer horizon"
         )
-    spent = np.zeros((ROUNDS, len(calls)))
+    spent = np.zeros((_ROUNDS, len(calls)))
     for r, k in np.ndindex(spent.shape):
-        report(f"costs, round {r + 1} of {ROUNDS}")
+        report(f"costs, round {r + 1} of {_ROUNDS}")
         before = time.process_time()
         units = calls[k]()
         spent[r, k] = 1e6 * (time.process_time() - before) / units
@@ -198,7 +198,7 @@ def measure(
             stride = max(1, round(FEWER / setting.value))
         index = np.arange(0, len(reference), stride)
         exact = reference.iloc[index].reset_index(drop=True)
-        results = solve(config, setting, take(runs, index), threads)
+        results = _solve(config, setting, take(runs, index), threads)
         rows.append(
             {
                 "name": setting.name,
@@ -229,20 +229,20 @@ def measure(
 
 
 def _units(
-    config: Config, runs: Launches, setting: Setting, _: Control | None = None
+    config: Config, runs: Launches, setting: MethodSetting, _: Control | None = None
 ) -> float:
     """Integrate runs on one thread, and return the sum of their durations."""
-    horizon = HORIZON
+    horizon = _HORIZON
     if setting.setting == "dt":
         # Equal steps cost the same at any time, so shorter runs measure as well.
-        horizon *= setting.value / SHORT
-    results = solve(config, setting, runs, horizon=horizon)
-    return float(results["t_end"].clip(upper=HORIZON).sum())
+        horizon *= setting.value / _SHORT
+    results = _solve(config, setting, runs, horizon=horizon)
+    return float(results["t_end"].clip(upper=_HORIZON).sum())
 
 
 def make_reference(config: Config, runs: Launches, threads: int = 1) -> pd.DataFrame:
     """Return the columns of a reference, and where both or neither of two reverse."""
-    first, second = (solve(config, setting, runs, threads) for setting in REFERENCES)
+    first, second = (_solve(config, setting, runs, threads) for setting in REFERENCES)
     apart = (first["t_r"] / second["t_r"] - 1).abs()
     neither = first["t_r"].isna() & second["t_r"].isna()
     neither &= first["type"] == second["type"]
@@ -287,7 +287,7 @@ def cheapest(rows: pd.DataFrame) -> list[dict[str, object]]:
     return table
 
 
-def as_text(study: Study) -> str:
+def tradeoff_text(study: Study) -> str:
     """Return the measurements as text."""
     hidden = ["model", "method", "setting", "value", "reversing"]
     rows = study.rows.drop(columns=hidden).to_dict("records")
@@ -299,7 +299,7 @@ def as_text(study: Study) -> str:
             "references do not agree; these differ by "
             "{references_differ_median:.1e} (median)\n"
             "costs on one thread, of runs cut at t = {horizon:g}\n".format(
-                horizon=HORIZON, **study.facts
+                horizon=_HORIZON, **study.facts
             ),
             style.text_table(rows, ".3g"),
             "\ncheapest setting by the error of t_r",
@@ -330,14 +330,14 @@ def as_data(study: Study) -> dict[str, object]:
     return {"facts": study.facts, "rows": rows.to_dict("records")}
 
 
-def save(study: Study, directory: Path) -> list[Path]:
+def save_tradeoff(study: Study, directory: Path) -> list[Path]:
     """Write ``tradeoff.parquet``, ``.svg`` and ``.png``, and return their paths."""
     probe_directory(directory)
     table = directory / "tradeoff.parquet"
     pictures = [directory / f"tradeoff.{kind}" for kind in ("svg", "png")]
     style.save_table(study.rows, table)
     with style.styled():
-        figure = draw(study.rows)
+        figure = _draw(study.rows)
         style.add_caption(
             figure,
             [
@@ -346,11 +346,11 @@ def save(study: Study, directory: Path) -> list[Path]:
                 "{machine}, rattlesweep {rattlesweep}.".format(**study.facts)
             ],
         )
-        style.save(figure, pictures)
+        style.save_figure(figure, pictures)
     return [table, *pictures]
 
 
-def draw(rows: pd.DataFrame) -> Figure:
+def _draw(rows: pd.DataFrame) -> Figure:
     """Draw the cost against the median error, with a line to its 99th percentile."""
     figure = style.new_figure(8.4, 5.6)
     axes = figure.subplots()

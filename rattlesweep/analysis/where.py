@@ -24,7 +24,7 @@ from rattlesweep.design.config import not_one_of
 from rattlesweep.errors import ConfigError, one_line
 
 Constant: TypeAlias = "bool | int | float | str"
-Value: TypeAlias = "Constant | list[Constant] | pd.Series"
+_Value: TypeAlias = "Constant | list[Constant] | pd.Series"
 
 ADVICE = 'write a pandas query, as in type == "SW" and K_r < 0.005'
 ALLOWED = (
@@ -32,14 +32,14 @@ ALLOWED = (
     "the functions abs, sqrt, log, exp and the methods isna, notna, isin, between"
 )
 # Methods of columns that a condition may call; others might write files.
-METHODS = ("isna", "notna", "isin", "between")
+_METHODS = ("isna", "notna", "isin", "between")
 FUNCTIONS: Mapping[str, np.ufunc] = {
     "abs": np.abs,
     "sqrt": np.sqrt,
     "log": np.log,
     "exp": np.exp,
 }
-Operator: TypeAlias = Callable[[Value, Value], Value]
+Operator: TypeAlias = Callable[[_Value, _Value], _Value]
 ARITHMETIC: Mapping[type[ast.operator], tuple[str, Operator]] = {
     ast.Add: ("+", operator.add),
     ast.Sub: ("-", operator.sub),
@@ -142,7 +142,7 @@ class _Evaluation:
         self.frame = frame
         self.schema = schema
 
-    def value(self, node: ast.expr) -> Value:
+    def value(self, node: ast.expr) -> _Value:
         """Return the value of a node, by the method for its kind."""
         match node:
             case ast.Constant(value=bool() | int() | float() | str() as constant):
@@ -184,7 +184,7 @@ class _Evaluation:
             members.append(value)
         return members
 
-    def joined(self, node: ast.BoolOp) -> Value:
+    def joined(self, node: ast.BoolOp) -> _Value:
         """Return conditions joined by `and` or `or`."""
         if isinstance(node.op, ast.And):
             word = "and"
@@ -197,7 +197,7 @@ class _Evaluation:
             raise ValueError(f"{word} needs conditions on both sides")
         return reduce(join, conditions)
 
-    def unary(self, node: ast.UnaryOp) -> Value:
+    def unary(self, node: ast.UnaryOp) -> _Value:
         """Return a condition negated, or a number with its sign."""
         operand = self.value(node.operand)
         if isinstance(node.op, ast.Not | ast.Invert):
@@ -212,7 +212,7 @@ class _Evaluation:
         _, subtract = ARITHMETIC[ast.Sub]
         return subtract(0, operand)
 
-    def arithmetic(self, node: ast.BinOp) -> Value:
+    def arithmetic(self, node: ast.BinOp) -> _Value:
         """Return the result of arithmetic on numbers and columns of numbers."""
         if type(node.op) not in ARITHMETIC:
             raise ValueError(ALLOWED)
@@ -227,13 +227,13 @@ class _Evaluation:
             left = operator.mul(left, np.float64(1.0))  # so that powers may overflow
         return function(left, right)
 
-    def comparison(self, node: ast.Compare) -> Value:
+    def comparison(self, node: ast.Compare) -> _Value:
         """Return a chain of comparisons, such as ``0 < a < 1``."""
         values = [self.value(each) for each in (node.left, *node.comparators)]
         signs = map(type, node.ops)
         return reduce(operator.and_, map(_compared, values, signs, values[1:]))
 
-    def function(self, name: str, node: ast.Call) -> Value:
+    def function(self, name: str, node: ast.Call) -> _Value:
         """Return a function of a number or of a column of numbers."""
         if name not in FUNCTIONS:
             raise ValueError(f"{name} is none of the functions {', '.join(FUNCTIONS)}")
@@ -241,23 +241,23 @@ class _Evaluation:
             raise ValueError(f"{name} takes one number or column")
         argument = self.value(node.args[0])
         _check_numbers(name, argument)
-        result: Value = FUNCTIONS[name](argument)
+        result: _Value = FUNCTIONS[name](argument)
         return result
 
-    def method(self, receiver: ast.expr, name: str, node: ast.Call) -> Value:
-        """Return what one of the methods in METHODS says about a column."""
-        if name not in METHODS:
-            raise ValueError(f".{name} is none of .{', .'.join(METHODS)}")
+    def method(self, receiver: ast.expr, name: str, node: ast.Call) -> _Value:
+        """Return what one of the methods in _METHODS says about a column."""
+        if name not in _METHODS:
+            raise ValueError(f".{name} is none of .{', .'.join(_METHODS)}")
         column = self.value(receiver)
         if not isinstance(column, pd.Series):
             raise ValueError(f".{name} is a method of columns only")
         arguments = [self.value(argument) for argument in node.args]
         keywords = {str(word.arg): self.value(word.value) for word in node.keywords}
-        result: Value = getattr(column, name)(*arguments, **keywords)
+        result: _Value = getattr(column, name)(*arguments, **keywords)
         return result
 
 
-def _compared(first: Value, sign: type[ast.cmpop], second: Value) -> Value:
+def _compared(first: _Value, sign: type[ast.cmpop], second: _Value) -> _Value:
     """Return one comparison; with a list on its right side, a membership."""
     if isinstance(second, list):
         if not isinstance(first, pd.Series):
@@ -278,7 +278,7 @@ def _compared(first: Value, sign: type[ast.cmpop], second: Value) -> Value:
     return COMPARISONS[sign](first, second)
 
 
-def _kind(value: Value) -> str:
+def _kind(value: _Value) -> str:
     """Return what a value or each value of a column is; refuse a list."""
     if isinstance(value, list):
         raise ValueError(ALLOWED)
@@ -291,7 +291,7 @@ def _kind(value: Value) -> str:
     return "text" if isinstance(value, str) else "number"
 
 
-def _check_numbers(what: str, *values: Value) -> None:
+def _check_numbers(what: str, *values: _Value) -> None:
     """Refuse texts and conditions where numbers are needed."""
     if any(_kind(value) != "number" for value in values):
         raise ValueError(f"{what} needs numbers")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rattlesweep.api.arrays import (
-    Bodies,
+    BodiesLike,
     body_columns,
     broadcast,
     column_units,
@@ -62,7 +62,7 @@ class GrowthRates(NamedTuple):
     roll: Floats | float
 
 
-def modes(body: Bodies) -> Modes:
+def modes(body: BodiesLike) -> Modes:
     """Return frequencies, directions and torque coefficients (Eqs. 24, 39 and 40).
 
     `body` is a body or the name of a preset, a sequence or an array of these, or a
@@ -82,7 +82,7 @@ def modes(body: Bodies) -> Modes:
 
 
 def reversal_time_gh(
-    body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike
+    body: BodiesLike, n_i: ArrayLike, omega_xy0: ArrayLike
 ) -> Floats | float:
     """Return Garcia and Hubbard's time of reversal (Eqs. 56 and 58), in ``sqrt(a/g)``.
 
@@ -107,7 +107,7 @@ def reversal_time_gh(
     return _plain(closed.t_rgh)
 
 
-def bondi_threshold(body: Bodies) -> Floats | float:
+def bondi_threshold(body: BodiesLike) -> Floats | float:
     """Return Bondi's threshold spin ``n_c1`` (Eq. 73), in ``sqrt(g/a)``.
 
     A steady spin beyond it, ``n < n_c1 < 0``, is linearly stable.  For mirrored bodies
@@ -120,7 +120,7 @@ def bondi_threshold(body: Bodies) -> Floats | float:
     return _plain(np.where(xi > 0, -threshold, threshold))
 
 
-def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRates:
+def growth_rates(body: BodiesLike, n: ArrayLike, *, exact: bool = False) -> GrowthRates:
     """Return the growth rates of the amplitudes of pitch and roll at a spin ``n``.
 
     `body` is as for ``modes``, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.
@@ -137,7 +137,7 @@ def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRa
     return GrowthRates(_plain(pitch), _plain(roll))
 
 
-def _columns(body: Bodies, **arrays: ArrayLike) -> dict[str, Floats]:
+def _columns(body: BodiesLike, **arrays: ArrayLike) -> dict[str, Floats]:
     """Return the parameters of bodies and other arguments as arrays of one shape."""
     table = body_columns(body)
     units = column_units(table)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
 import numpy as np
 
-from rattlesweep.arrays import EXACT, Floats, refuse_foreign_units, unmasked
+from rattlesweep.arrays import EXACT_WHOLE, Floats, refuse_foreign_units, unmasked
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.si import GRAVITY, Units
@@ -23,20 +23,22 @@ if TYPE_CHECKING:
     from rattlesweep.design.bodies.table import Frame
 
 
-Bodies: TypeAlias = "Rattleback | str | Iterable[object] | Mapping[str, Any] | Frame"
+BodiesLike: TypeAlias = (
+    "Rattleback | str | Iterable[object] | Mapping[str, Any] | Frame"
+)
 """A body or the name of a preset, a sequence or array of these, or a table."""
 
 # The arguments that may be given in SI units, and their kinds.
-KINDS = {
+_KINDS = {
     name: QUANTITIES[name].kind
     for name in ("n", "n_i", "omega_xy0", "t_end", "dt", *LOSSES)
     if QUANTITIES[name].kind
 }
-KINDS |= {"omega": "spin", "from_time": "time", "times": "time"}
-KINDS |= {"e_p0": "energy", "e_r0": "energy"}
+_KINDS |= {"omega": "spin", "from_time": "time", "times": "time"}
+_KINDS |= {"e_p0": "energy", "e_r0": "energy"}
 # Columns that hold the size of bodies, and the height of their rims.
-SIZE = ("mass_kg", "height_m", "gravity_m_s2", "rim")
-OF_BODIES = (*PARAMETERS, "c", *SIZE)
+SIZE_COLUMNS = ("mass_kg", "height_m", "gravity_m_s2", "rim")
+OF_BODIES = (*PARAMETERS, "c", *SIZE_COLUMNS)
 
 
 def one_body(body: object, name: str = "body") -> Rattleback:
@@ -52,7 +54,7 @@ def one_body(body: object, name: str = "body") -> Rattleback:
     )
 
 
-def body_columns(bodies: Bodies) -> dict[str, Floats]:
+def body_columns(bodies: BodiesLike) -> dict[str, Floats]:
     """Return the columns of bodies as arrays of one shape.
 
     They hold the size of the bodies if it is known for all of them.
@@ -95,7 +97,9 @@ def _table_columns(bodies: Mapping[str, Any] | Frame) -> dict[str, Floats]:
         except ValueError as error:
             raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
     table = frame_bodies(bodies)
-    sizes = {name: table.carried[name] for name in SIZE if name in table.carried}
+    sizes = {
+        name: table.carried[name] for name in SIZE_COLUMNS if name in table.carried
+    }
     return table.columns | sizes
 
 
@@ -163,7 +167,7 @@ def _floats(name: str, value: object, units: Units | None) -> Floats:
         is_in_si = np.array(have_units, bool).reshape(mixed.shape)
     if name == "psi":
         return np.where(is_in_si, np.degrees(array), array)
-    if not KINDS.get(name) or not is_in_si.any():
+    if not _KINDS.get(name) or not is_in_si.any():
         return array
     if units is None:
         raise ConfigError(
@@ -171,14 +175,14 @@ def _floats(name: str, value: object, units: Units | None) -> Floats:
             "give a number, or a body with a size (KL, from_si, half_ellipsoid, "
             "--mass and --height)"
         )
-    natural = units.natural(array, KINDS[name])
+    natural = units.natural(array, _KINDS[name])
     return np.where(is_in_si, natural, array)
 
 
 def _in_si(name: str, value: Any) -> Any:
     """Return the numbers of a quantity of Pint in SI units, or refuse it."""
     try:
-        return in_si(value, "angle" if name == "psi" else KINDS.get(name, ""))
+        return in_si(value, "angle" if name == "psi" else _KINDS.get(name, ""))
     except ValueError as error:
         raise ConfigError(f"{name}: {one_line(str(value))} {error}") from None
 
@@ -193,7 +197,7 @@ def _number(name: str, value: object, entry: Any) -> float:
         if isinstance(entry, np.ma.MaskedArray):
             entry = unmasked(name, entry)
         if isinstance(entry, str):
-            return quantity(entry, KINDS[name])
+            return quantity(entry, _KINDS[name])
         return float(entry)
     except (KeyError, TypeError, OverflowError):
         message = f"{name}: {kind_of(value)} is not a number or an array"
@@ -218,11 +222,11 @@ def require_units(
         return
     for name, value in values.items():
         # A full state has no form with units.
-        if name in KINDS and name != "omega":
-            require_unit(spelled(name), value, KINDS[name])
+        if name in _KINDS and name != "omega":
+            require_unit(spelled(name), value, _KINDS[name])
 
 
-def number(name: str, value: object, units: Units | None = None) -> float | None:
+def one_number(name: str, value: object, units: Units | None = None) -> float | None:
     """Return an argument as one number in the units of the body, or refuse it."""
     if value is None:
         return None
@@ -359,7 +363,7 @@ def _beyond_floats(table: pa.Table) -> list[str]:
     for name, column in zip(table.column_names, table.columns, strict=True):
         if types.is_integer(column.type) and column.null_count:
             ends = pc.min_max(column).as_py()
-            if max(-(ends["min"] or 0), ends["max"] or 0) > EXACT:
+            if max(-(ends["min"] or 0), ends["max"] or 0) > EXACT_WHOLE:
                 names.append(name)
     return names
 

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.api import arrays as arguments
-from rattlesweep.api.arrays import Bodies, check_count, number, numbers
+from rattlesweep.api.arrays import BodiesLike, check_count, numbers, one_number
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.quantities import LOSSES
+from rattlesweep.quantities import INITIAL_RATES, LOSSES
 from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
@@ -36,14 +36,22 @@ if TYPE_CHECKING:
     from rattlesweep.physics.si import Units
 
     # A number, or text with an SI unit such as "60 rpm".
-    Number = float | str
+    _Number = float | str
 
-SPIN = ("n_i", "omega_xy0")
-STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
+_STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
 INTEGRATOR = ("method", "tol", "dt_step", "accuracy")
 ROWS = ("points", "dt", "steps", "times", "from_time")
 SHOWN = ("points", "from_time", "path")
-LAUNCH = (*SPIN, "omega", "u", "t_end", "psi", "model", *LOSSES, *INTEGRATOR)
+LAUNCH_ARGUMENTS = (
+    *INITIAL_RATES,
+    "omega",
+    "u",
+    "t_end",
+    "psi",
+    "model",
+    *LOSSES,
+    *INTEGRATOR,
+)
 
 
 class Run(SimpleNamespace):
@@ -210,7 +218,7 @@ class Page:
 
 
 def simulate(
-    body: Bodies,
+    body: BodiesLike,
     *,
     n_i: ArrayLike | None = None,
     omega_xy0: ArrayLike | None = None,
@@ -285,7 +293,7 @@ def simulate(
     from rattlesweep.work.run import integrate_plan
 
     arguments.check_names(
-        "arguments", settings, (*LAUNCH, "record", "threads", "progress")
+        "arguments", settings, (*LAUNCH_ARGUMENTS, "record", "threads", "progress")
     )
     integrator = {name: settings[name] for name in INTEGRATOR if name in settings}
     losses = {name: settings[name] for name in LOSSES if name in settings}
@@ -317,7 +325,9 @@ def simulate(
     elif isinstance(psi, str):
         columns["psi"] = directions(columns, psi)
     units = arguments.column_units(columns)
-    sizes = {name: columns.pop(name) for name in arguments.SIZE if name in columns}
+    sizes = {
+        name: columns.pop(name) for name in arguments.SIZE_COLUMNS if name in columns
+    }
     if units is None:
         sizes = {name: sizes[name] for name in sizes if name == "rim"}
     question = None
@@ -349,10 +359,10 @@ def trajectory(
     channels: Sequence[str] | None = None,
     section: str | None = None,
     points: int | None = None,
-    dt: Number | None = None,
+    dt: _Number | None = None,
     steps: bool = False,
     times: ArrayLike | None = None,
-    from_time: Number | None = None,
+    from_time: _Number | None = None,
     **launch: Any,
 ) -> Trajectory:
     """Integrate one launch to ``t_end``, past its reversals, as a time series.
@@ -415,7 +425,7 @@ def trajectory(
 def show(
     body: Rattleback | str,
     *,
-    from_time: Number | None = None,
+    from_time: _Number | None = None,
     points: int | None = None,
     title: str | None = None,
     path: str | Path | None = None,
@@ -437,7 +447,7 @@ def replay(
     case: int,
     sample: int,
     *,
-    t_end: Number | None = None,
+    t_end: _Number | None = None,
     channels: Sequence[str] | None = None,
     section: str | None = None,
     **rows: Any,
@@ -459,9 +469,9 @@ def fit(
     *,
     free: Iterable[str],
     launch: Mapping[str, Any] | None = None,
-    error: Number | None = None,
+    error: _Number | None = None,
     progress: bool | None = None,
-    **losses: Number,
+    **losses: _Number,
 ) -> Fit:
     """Fit parameters of one run to a measured angle or spin, or to reversal times.
 
@@ -518,7 +528,7 @@ def fit_with_progress(
     *,
     free: Iterable[str],
     launch: Mapping[str, Any] | None,
-    error: Number | None = None,
+    error: _Number | None = None,
     **losses: Any,
 ) -> Fit:
     """Fit as :func:`fit` does, and show the progress on a bar."""
@@ -534,7 +544,7 @@ def fit_with_progress(
     launch = launch or {}
     if not isinstance(launch, Mapping):
         raise ConfigError(f"launch: {arguments.kind_of(launch)} is not a mapping")
-    arguments.check_names("launch", launch, (*SPIN, "psi", "omega", "u"))
+    arguments.check_names("launch", launch, (*INITIAL_RATES, "psi", "omega", "u"))
     arguments.check_names("arguments", losses, LOSSES)
     if isinstance(body, Mapping):
         body = measured_body(body)
@@ -554,13 +564,13 @@ def fit_with_progress(
         return fit_run(run, film, names, bar.counting("fit"), body, priors)
 
 
-def _priors(run: Launch, errors: Mapping[str, Number]) -> dict[str, Prior]:
+def _priors(run: Launch, errors: Mapping[str, _Number]) -> dict[str, Prior]:
     """Return the priors of a launch and its dissipation, in units of the body."""
     from rattlesweep.analysis.fit.measured import Prior
 
     priors = {}
     for name, error in errors.items():
-        width = number(name, error, run.body.units)
+        width = one_number(name, error, run.body.units)
         value = run.losses.get(name, getattr(run, name, None))
         assert isinstance(value, float)
         assert width is not None
@@ -574,14 +584,14 @@ def page_of(
     title: str | None,
     *,
     points: int | None = None,
-    from_time: Number | None = None,
+    from_time: _Number | None = None,
     path: str | Path | None = None,
 ) -> tuple[Page, Course]:
     """Return the page of a run and its course; write the page if there is a path."""
-    from rattlesweep.analysis.onerun.show import course_of, make_page, make_scene
+    from rattlesweep.analysis.onerun.show import course_of_page, make_page, make_scene
 
     check_count("points", points, 2)
-    course = course_of(run, points, number("from_time", from_time, run.units))
+    course = course_of_page(run, points, one_number("from_time", from_time, run.units))
     page = Page(make_page(make_scene(course), str(title or "Rattleback"), run.title))
     if path is not None:
         page = page.save(path)
@@ -603,7 +613,7 @@ def prepare_stored(
     check_count("case", case, 0)
     check_count("sample", sample, 0)
     run = find_run(as_path(directory, "directory"), case, sample, where)
-    prepared = run.prepare(number("t_end", t_end, run.units))
+    prepared = run.prepare(one_number("t_end", t_end, run.units))
     run.prove()
     return run, prepared
 
@@ -628,11 +638,11 @@ def launch_of(
     from rattlesweep.design.single import Launch
 
     stone = arguments.one_body(body)
-    arguments.check_names("arguments", values, (*LAUNCH, "e_p0", "e_r0"))
+    arguments.check_names("arguments", values, (*LAUNCH_ARGUMENTS, "e_p0", "e_r0"))
     present = {name: value for name, value in values.items() if value is not None}
     integrator = {name: present.pop(name) for name in INTEGRATOR if name in present}
     single: dict[str, Any] = {
-        name: number(name, value, stone.units) for name, value in present.items()
+        name: one_number(name, value, stone.units) for name, value in present.items()
     }
     losses = {name: single.pop(name) for name in LOSSES if name in single}
     components: list[float] | None = None
@@ -641,7 +651,7 @@ def launch_of(
         components = [float(state[f"omega_{axis}"]) for axis in "xyz"]
     return Launch(
         stone,
-        psi=psi if isinstance(psi, str) else number("psi", psi),
+        psi=psi if isinstance(psi, str) else one_number("psi", psi),
         omega=components,
         u=u,
         model=model,
@@ -663,10 +673,10 @@ def rows_of(
     check_count("points", points, 2)
     return {
         "points": points,
-        "dt": number("dt", dt, units),
+        "dt": one_number("dt", dt, units),
         "steps": steps,
         "times": None if times is None else numbers("times", times, units),
-        "from_time": number("from_time", from_time, units),
+        "from_time": one_number("from_time", from_time, units),
     }
 
 
@@ -674,8 +684,8 @@ def _launched(
     columns: dict[str, Floats], arrays: dict[str, Floats], psi: object
 ) -> dict[str, Floats]:
     """Return the columns of bodies with the launches, or else those of their table."""
-    if any(name in arrays for name in (*SPIN, *STATE)):
-        replaced = {*SPIN, "psi", *STATE}
+    if any(name in arrays for name in (*INITIAL_RATES, *_STATE)):
+        replaced = {*INITIAL_RATES, "psi", *_STATE}
         if columns.keys() & replaced:
             # The horizons of a table belong to its own launches, if it has some.
             replaced.add("t_end")
@@ -689,7 +699,7 @@ def _launched(
             )
         columns.pop("psi", None)
     launched = columns | arrays
-    missing = [name for name in SPIN if name not in launched]
+    missing = [name for name in INITIAL_RATES if name not in launched]
     if missing and "u_x" not in launched:
         names = " and ".join(missing)
         raise ConfigError(f"{names} missing; give both, or a table with them")

@@ -183,7 +183,7 @@ class Sweep:
         from rattlesweep.analysis.layout import read_layout
         from rattlesweep.analysis.onerun.figure import shown
         from rattlesweep.analysis.plots import choose_picture
-        from rattlesweep.analysis.style import save, styled
+        from rattlesweep.analysis.style import save_figure, styled
         from rattlesweep.files import as_path
 
         _check_looks(looks)
@@ -210,7 +210,7 @@ class Sweep:
             figure = ax.get_figure(root=True)
             assert figure is not None
             if path is not None:
-                save(figure, [as_path(path, "path")])
+                save_figure(figure, [as_path(path, "path")])
             return figure
 
     def fractions(

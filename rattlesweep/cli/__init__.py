@@ -18,7 +18,7 @@ from rattlesweep.cli import single, sweeps
 from rattlesweep.cli.options import (
     COMMANDS,
     DONE,
-    FAILED,
+    EXIT_FAILED,
     SECTIONS,
     WRONG,
     say,
@@ -73,7 +73,7 @@ class Program(click.Group):
             signal.signal(signal.SIGINT, signal.SIG_DFL)
             code = _interrupted(error)
         except BrokenPipeError:
-            code = FAILED  # nobody reads standard output any more
+            code = EXIT_FAILED  # nobody reads standard output any more
         except click.ClickException as error:
             _say_usage(error)
             code = WRONG
@@ -83,13 +83,13 @@ class Program(click.Group):
             code = WRONG
         except OutputError as error:
             say(f"error: {error}")
-            code = FAILED
+            code = EXIT_FAILED
         except MemoryError:
             say("error: there is not enough memory; see `ulimit -v`, or ask for less")
-            code = FAILED
+            code = EXIT_FAILED
         except OSError as error:
             say(f"error: {_in_words(error)}")
-            code = FAILED
+            code = EXIT_FAILED
         try:
             sys.stdout.flush()
         except OSError:
@@ -168,14 +168,14 @@ def _say_usage(error: click.ClickException) -> None:
     say(f"error: {message}")
 
 
-SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}
+_SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}
 
 
 @click.group(
     cls=Program,
     commands=COMMANDS,
     invoke_without_command=True,
-    context_settings=SETTINGS,
+    context_settings=_SETTINGS,
 )
 @option(
     "--verbose",

@@ -31,13 +31,13 @@ Given: TypeAlias = dict[str, Any]  # options by name, of the types that they dec
 
 # Exit codes.
 DONE = 0
-FAILED = 1
+EXIT_FAILED = 1
 WRONG = 2
 SOME_FAILED = 3
 EARLY = 75
 
 SECTIONS = ("Sweeps", "Results of a sweep", "One run", "Studies")
-MOST_ROWS = 60  # rows of a table that are printed
+PRINTED_ROWS = 60  # rows of a table that are printed
 
 
 class Command(click.Command):
@@ -126,7 +126,7 @@ def to_json(data: object) -> str:
     return json.dumps(data, indent=2, allow_nan=False, default=str)
 
 
-def probe(*files: Path | None) -> None:
+def probe_files(*files: Path | None) -> None:
     """Raise an OutputError before the work begins if a file cannot be written then."""
     from rattlesweep.files import probe_directory
 
@@ -252,7 +252,7 @@ def measured(kind: str, name: str = "") -> Kind:
     return Kind(name or kind, partial(_measured, kind))
 
 
-def in_si(kind: str) -> Kind:
+def si_quantity(kind: str) -> Kind:
     """Return the type of a quantity that needs a unit."""
     return Kind(kind, partial(Quantity, kind=kind))
 
@@ -267,29 +267,29 @@ COUNT = Kind("n", partial(_whole, 1, 1e12))
 NUMBER = Kind("n", partial(_whole, 0, 1e12))
 THREADS = Kind("n", partial(_whole, 1, MOST_THREADS))
 SHARE = Kind("share", partial(_number, 0.0, 1.0))
-DPI = Kind("dpi", partial(_number, 20.0, 600.0))
-TIME = Kind("time", seconds_of)
-NAMES = Kind("a,b,...", _names)
-SIZE = Kind("w,h", partial(_numbers, "7,4.5", 1, 24))
-LIMITS = Kind("low,high", partial(_numbers, "0.01,0.1", -1e12, 1e12))
+DPI_VALUE = Kind("dpi", partial(_number, 20.0, 600.0))
+TIME_VALUE = Kind("time", seconds_of)
+NAME_LIST = Kind("a,b,...", _names)
+FIGURE_SIZE = Kind("w,h", partial(_numbers, "7,4.5", 1, 24))
+LOW_HIGH = Kind("low,high", partial(_numbers, "0.01,0.1", -1e12, 1e12))
 VECTOR = Kind("x,y,z", partial(_numbers, "0,0,-1", -1e12, 1e12))
-SPIN = measured("spin")
+_SPIN_VALUE = measured("spin")
 DURATION = measured("time")
-LENGTH = measured("length")
-ENERGY = measured("energy")
-MASS = in_si("mass")
-HEIGHT = in_si("length")
-ANGLE = in_si("angle")
-PRESETS = Choice(PRESET_NAMES)
-MODELS = Choice(MODEL_NAMES)
-ACCURACIES = Choice(ACCURACY_NAMES)
+_LENGTH_VALUE = measured("length")
+ENERGY_VALUE = measured("energy")
+MASS = si_quantity("mass")
+HEIGHT = si_quantity("length")
+ANGLE = si_quantity("angle")
+PRESET_CHOICE = Choice(PRESET_NAMES)
+MODEL_CHOICE = Choice(MODEL_NAMES)
+ACCURACY_CHOICE = Choice(ACCURACY_NAMES)
 PLOTS = Choice(PLOT_NAMES)
 LIST_OF_METHODS = Choice(list(METHODS))
 
 # Groups of options.
 
 # A flag, the type of its value (None: it has none), and its help.
-Row: TypeAlias = "tuple[str, click.ParamType | type | None, str]"  # type: ignore[type-arg]
+_Row: TypeAlias = "tuple[str, click.ParamType | type | None, str]"  # type: ignore[type-arg]
 
 
 def stack(*decorators: Decorator) -> Decorator:
@@ -303,7 +303,7 @@ def stack(*decorators: Decorator) -> Decorator:
     return decorate
 
 
-def group(*rows: Row) -> Decorator:
+def group(*rows: _Row) -> Decorator:
     """Return one decorator for several options without defaults."""
     decorators = [
         option(flag, type=kind, is_flag=kind is None, default=None, help=text)
@@ -312,7 +312,7 @@ def group(*rows: Row) -> Decorator:
     return stack(*decorators)
 
 
-def named(name: str, kind: Kind | type, more: str = "") -> Row:
+def named(name: str, kind: Kind | type, more: str = "") -> _Row:
     """Return the row of an option for a quantity, explained as in the registry."""
     quantity = QUANTITIES[name]
     text = quantity.meaning[:1].upper() + quantity.meaning[1:]
@@ -357,7 +357,7 @@ overrides = option(
     multiple=True,
     help="Override a key of the config, as in bodies.samples=10; may be repeated.",
 )
-sweep = stack(path("config"), output(), overrides)
+sweep_options = stack(path("config"), output(), overrides)
 threads = option(
     "-j", "--threads", type=THREADS, help="Threads; by default one per processor."
 )
@@ -395,8 +395,12 @@ which = stack(
     where,
 )
 
-_BODY: tuple[Row, ...] = (
-    ("--preset", PRESETS, "The body of Garcia and Hubbard, or of Kane and Levinson."),
+_BODY: tuple[_Row, ...] = (
+    (
+        "--preset",
+        PRESET_CHOICE,
+        "The body of Garcia and Hubbard, or of Kane and Levinson.",
+    ),
     named("alpha", float),
     named("beta", float),
     named("gamma", float),
@@ -405,7 +409,7 @@ _BODY: tuple[Row, ...] = (
     named("phi", float),
     named("xi", float),
     ("--xi-deg", float, "The same in degrees."),
-    named("c", LENGTH),
+    named("c", _LENGTH_VALUE),
     ("--mass", MASS, "Instead of all these, a body in SI units: mass, as in 85g."),
     ("--height", HEIGHT, "Height of the centre of mass over the contact."),
     (
@@ -453,7 +457,7 @@ _BODY: tuple[Row, ...] = (
     ),
 )
 BODY = [flag.removeprefix("--").replace("-", "_") for flag, _, _ in _BODY]
-body = group(*_BODY)
+body_options = group(*_BODY)
 dissipation = group(
     *(
         named(name, measured(loss.kind, loss.kind.split()[0]) if loss.kind else float)
@@ -461,12 +465,12 @@ dissipation = group(
     )
 )
 SPIN_DEFAULTS = {"n_i": 0.1, "omega_xy0": 0.01}
-spin = group(
-    named("n_i", SPIN, "  [default: 0.1]"),
-    named("omega_xy0", SPIN, "  [default: 0.01]"),
+spin_options = group(
+    named("n_i", _SPIN_VALUE, "  [default: 0.1]"),
+    named("omega_xy0", _SPIN_VALUE, "  [default: 0.01]"),
 )
 launch = stack(
-    spin,
+    spin_options,
     group(
         (
             "--psi",
@@ -492,7 +496,7 @@ launch = stack(
         ("--method", LIST_OF_METHODS, "Integrator.  [default: dop853]"),
         ("--tol", float, "Tolerance of an adaptive method.  [default: 1e-9]"),
         ("--dt-step", float, "Step of a fixed-step method.  [default: 0.002]"),
-        ("--accuracy", ACCURACIES, "Instead of a method and its tolerance."),
+        ("--accuracy", ACCURACY_CHOICE, "Instead of a method and its tolerance."),
     ),
 )
 rows = stack(

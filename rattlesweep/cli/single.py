@@ -19,7 +19,7 @@ from rattlesweep.cli.options import (
     Given,
     command,
     pick,
-    probe,
+    probe_files,
     say,
     tell,
     to_json,
@@ -30,7 +30,7 @@ from rattlesweep.text import Bar, align, counted
 if TYPE_CHECKING:
     import pandas as pd
 
-    from rattlesweep.analysis.derived import Quantity
+    from rattlesweep.analysis.derived import DerivedQuantity
     from rattlesweep.analysis.fit.result import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.physics.body import Rattleback
@@ -47,8 +47,8 @@ MOST_TIMES = 8  # of a list of reversals, the others are not printed
     "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
     "--radii '50,1.5 cm' --n-i 60rpm",
 )
-@options.body
-@options.spin
+@options.body_options
+@options.spin_options
 @options.dissipation
 @options.as_json
 def body(as_json: bool, **given: Any) -> None:
@@ -62,14 +62,14 @@ def body(as_json: bool, **given: Any) -> None:
         SLIPS_AT_REVERSAL,
         derived,
     )
-    from rattlesweep.api.arrays import number, require_units
+    from rattlesweep.api.arrays import one_number, require_units
 
     described = _body_of(given)
     launch = pick(given, *given)
     require_units(launch, described.units, _flag)
     launch = options.SPIN_DEFAULTS | launch
     numbers: Given = {
-        name: number(name, value, described.units) for name, value in launch.items()
+        name: one_number(name, value, described.units) for name, value in launch.items()
     }
     values = derived(described, **numbers)
     friction = {quantity.name: quantity.value for quantity in values}["friction"]
@@ -83,7 +83,7 @@ def body(as_json: bool, **given: Any) -> None:
         click.echo(_as_table(described, values))
 
 
-def _as_data(body: Rattleback, values: list[Quantity]) -> dict[str, object]:
+def _as_data(body: Rattleback, values: list[DerivedQuantity]) -> dict[str, object]:
     """Return derived quantities by name, and in SI units if the size is known."""
     data: dict[str, object] = {quantity.name: quantity.value for quantity in values}
     if body.units is not None:
@@ -96,7 +96,7 @@ def _as_data(body: Rattleback, values: list[Quantity]) -> dict[str, object]:
     return data
 
 
-def _as_table(body: Rattleback, values: list[Quantity]) -> str:
+def _as_table(body: Rattleback, values: list[DerivedQuantity]) -> str:
     """Return derived quantities as a text, with SI columns if the size is known."""
     lines = []
     for quantity in values:
@@ -135,7 +135,7 @@ series = options.stack(
     options.rows,
     option(
         "--channels",
-        type=options.NAMES,
+        type=options.NAME_LIST,
         callback=_list_channels,
         help="Columns, and panels of the figure; 'list' prints all of them.  "
         "[default: t,n; of a section, the variables of the state]",
@@ -167,15 +167,17 @@ series = options.stack(
     "--section omega_y=0+ --channels n,omega_x --output section.csv "
     "--figure section.png",
 )
-@options.body
+@options.body_options
 @options.launch
-@option("--model", type=options.MODELS, default="full", help="Equations of motion.")
+@option(
+    "--model", type=options.MODEL_CHOICE, default="full", help="Equations of motion."
+)
 @option(
     "--e-p0",
-    type=options.ENERGY,
+    type=options.ENERGY_VALUE,
     help="Initial energy of the pitch in the reduced model, in M g a, or as in 0.5mJ.",
 )
-@option("--e-r0", type=options.ENERGY, help="Energy of the roll, likewise.")
+@option("--e-r0", type=options.ENERGY_VALUE, help="Energy of the roll, likewise.")
 @series
 def trajectory(**given: Any) -> int:
     """Integrate one launch, past its reversals, as a time series.
@@ -184,7 +186,7 @@ def trajectory(**given: Any) -> int:
     standard error. A reversal takes the spin from beyond a quarter of its initial value
     (of n_0 for a tap) to beyond a quarter on the other side.
     """
-    probe(given["output"], given["figure"])
+    probe_files(given["output"], given["figure"])
     run = _prepared(given)
     return _follow(run, **given)
 
@@ -205,7 +207,7 @@ def replay(directory: Path, **given: Any) -> int:
     """
     from rattlesweep.api.single import prepare_stored
 
-    probe(given["output"], given["figure"])
+    probe_files(given["output"], given["figure"])
     which = pick(given, "case", "sample", "where", "t_end")
     run, prepared = prepare_stored(directory, **which)
     return _follow(prepared, run.proof, **given)
@@ -218,7 +220,7 @@ def replay(directory: Path, **given: Any) -> int:
 )
 @options.path("directory", required=False)
 @options.which
-@options.body
+@options.body_options
 @options.launch
 @option("--points", type=int, help="Number of rows.  [default: 20 per pitch period]")
 @options.from_time
@@ -235,7 +237,7 @@ def show(
     """
     from rattlesweep.api.single import page_of, prepare_stored
 
-    probe(output)
+    probe_files(output)
     which = pick(given, "case", "sample", "where")
     rows = pick(given, "points", "from_time")
     proof = ""
@@ -292,10 +294,10 @@ def _body_of(given: Given) -> Rattleback:
 def _prepared(given: Given) -> PreparedRun:
     """Return the run of a body and a launch that options describe."""
     from rattlesweep.api.arrays import require_units
-    from rattlesweep.api.single import LAUNCH, prepare_launch
+    from rattlesweep.api.single import LAUNCH_ARGUMENTS, prepare_launch
 
     described = _body_of(given)
-    launch = pick(given, *LAUNCH, "e_p0", "e_r0")
+    launch = pick(given, *LAUNCH_ARGUMENTS, "e_p0", "e_r0")
     times = {name: given.get(name) for name in ("dt", "from_time")}
     require_units(launch | times, described.units, _flag)
     if "omega" not in launch and "u" not in launch:
@@ -308,10 +310,10 @@ def _prepared(given: Given) -> PreparedRun:
 
 def _of_options(message: str) -> str:
     """Return a message about an argument of a call as one about its option."""
-    from rattlesweep.api.single import LAUNCH
+    from rattlesweep.api.single import LAUNCH_ARGUMENTS
 
     name, colon, sentence = message.partition(": ")
-    if name not in LAUNCH:
+    if name not in LAUNCH_ARGUMENTS:
         return message
     sentence = sentence.replace(f"leave {name} out", f"leave {_flag(name)} out")
     return f"{_flag(name)}{colon}{sentence}"
@@ -329,7 +331,7 @@ def _follow(
     **given: Any,
 ) -> int:
     """Integrate a run, and write its files or print CSV; a figure has its own rows."""
-    from rattlesweep.analysis.onerun.course import Course, save, write_csv
+    from rattlesweep.analysis.onerun.course import Course, save_course, write_csv
     from rattlesweep.analysis.onerun.section import Section
     from rattlesweep.api.single import rows_of
 
@@ -343,13 +345,13 @@ def _follow(
 
             draw_section(course, path=figure)
         if output is not None:
-            save(course, output)
+            save_course(course, output)
         elif figure is None:
             write_csv(course, sys.stdout.buffer)
     if section is None and figure is not None:
-        from rattlesweep.analysis.onerun.figure import course_of, draw
+        from rattlesweep.analysis.onerun.figure import course_of_figure, draw
 
-        course = course_of(run, channels, rows["from_time"])
+        course = course_of_figure(run, channels, rows["from_time"])
         draw(course.columns(), course, figure)
     return _say_outcome(course, quiet, proof)
 
@@ -429,7 +431,7 @@ def fit(
     """
     from rattlesweep.api.single import fit_with_progress
 
-    probe(figure)
+    probe_files(figure)
     arguments = _read_stone(stone)
     if error is not None:
         arguments["error"] = error
@@ -476,11 +478,11 @@ def _placed(message: str, stone: Path, data: Path, error: str | None) -> str:
 
 
 def _fit_report(best: Fit, profile: pd.DataFrame | None) -> str:
-    from rattlesweep.analysis.fit.problem import PARAMETERS
+    from rattlesweep.analysis.fit.problem import FITTABLE
 
     lines = [["", "value", "low", "high", "unit", "", "low", "high", "unit", ""]]
     for name, value in best.values.items():
-        parameter = PARAMETERS[name]
+        parameter = FITTABLE[name]
         line = [name]
         line += [f"{number:.6g}" for number in (value, *best.intervals[name])]
         line.append(parameter.unit)

@@ -18,7 +18,7 @@ from rattlesweep.cli.options import (
     DONE,
     Kind,
     command,
-    probe,
+    probe_files,
     say,
     tell,
     to_json,
@@ -87,7 +87,7 @@ def init(config: Path | None, example: str | None) -> None:
     "rattlesweep plan configs/steady.yaml --check",
     "rattlesweep plan configs/steady.yaml --set bodies.samples=100000",
 )
-@options.sweep
+@options.sweep_options
 @options.threads
 @option("--check", is_flag=True, help="Only check the config, without a forecast.")
 @options.as_json
@@ -134,7 +134,7 @@ def plan(
     "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
     "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0",
 )
-@options.sweep
+@options.sweep_options
 @options.threads
 @option(
     "--engine",
@@ -147,7 +147,9 @@ def plan(
 )
 @option("--shard", type=SHARD, help="Compute shard I of N only, with I from 0 to N-1.")
 @option(
-    "--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m."
+    "--max-time",
+    type=options.TIME_VALUE,
+    help="Stop after this much time, such as 3h50m.",
 )
 @option("--retry-failed", is_flag=True, help="Repeat runs whose status is not ok.")
 @option("--dry-run", is_flag=True, help="Print the forecast, as `plan` does, and stop.")
@@ -298,7 +300,7 @@ def verify(
         verified = check(directory, recompute, seed, threads, report, complete)
     click.echo(to_json(asdict(verified)) if as_json else verified.words)
     if verified.problems:
-        return options.FAILED
+        return options.EXIT_FAILED
     return DONE
 
 
@@ -373,7 +375,7 @@ def merge(directories: tuple[Path, ...], output: Path, link: bool, quiet: bool) 
     "> steady.sh",
     "sbatch steady.sh",
 )
-@options.sweep
+@options.sweep_options
 @option(
     "--shards", type=COUNT, required=True, help="Number of tasks, one for each shard."
 )
@@ -436,8 +438,8 @@ def _print_summary(summary: pa.Table | None, directory: Path) -> None:
 
     if summary is None:
         return
-    click.echo(closing_table(summary.slice(0, options.MOST_ROWS)))
-    more = len(summary) - options.MOST_ROWS
+    click.echo(closing_table(summary.slice(0, options.PRINTED_ROWS)))
+    more = len(summary) - options.PRINTED_ROWS
     if more > 0:
         say(f"{counted(more, 'more case')} in {directory / 'summary.parquet'}")
     doubt = doubts_of_means(summary)
@@ -511,11 +513,14 @@ def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
     default=None,
     help="Logarithmic or linear axes; by default by range.",
 )
-@option("--xlim", type=options.LIMITS, help="Limits of the abscissa.")
-@option("--ylim", type=options.LIMITS, help="Limits of the ordinate.")
-@option("--size", type=options.SIZE, help="Width and height in inches.")
+@option("--xlim", type=options.LOW_HIGH, help="Limits of the abscissa.")
+@option("--ylim", type=options.LOW_HIGH, help="Limits of the ordinate.")
+@option("--size", type=options.FIGURE_SIZE, help="Width and height in inches.")
 @option(
-    "--dpi", type=options.DPI, default=150.0, help="Dots per inch of a PNG, 20 to 600."
+    "--dpi",
+    type=options.DPI_VALUE,
+    default=150.0,
+    help="Dots per inch of a PNG, 20 to 600.",
 )
 @option(
     "--style",
@@ -553,9 +558,9 @@ def plot(
     """
     from rattlesweep.analysis.layout import read_layout
     from rattlesweep.analysis.plots import choose_picture
-    from rattlesweep.analysis.style import save, save_table, styled
+    from rattlesweep.analysis.style import save_figure, save_table, styled
 
-    probe(*output, data)
+    probe_files(*output, data)
     names = ("title", "log", "size", "xlim", "ylim", "caption")
     looks = {name: given.pop(name) for name in names}
     paths = list(output)
@@ -563,7 +568,7 @@ def plot(
         picture = choose_picture(read_layout(directory), **given)
         if not paths:
             paths = [directory / f"{picture.name}{end}" for end in (".svg", ".png")]
-        save(picture.figure(**looks), paths, dpi)
+        save_figure(picture.figure(**looks), paths, dpi)
     if data is not None:
         save_table(picture.table(), data)
         paths.append(data)
@@ -587,7 +592,7 @@ def report(directory: Path, output: Path | None, title: str | None) -> None:
     """
     from rattlesweep.api import load
 
-    probe(output)
+    probe_files(output)
     page = load(directory).report(output, title=title)
     tell(page.path)
     say(f"{len(page.content) / 1e6:.2f} MB")
@@ -630,19 +635,19 @@ def compare(
     from rattlesweep.analysis import compare as compared
     from rattlesweep.analysis.style import save_table
 
-    probe(figure, data)
+    probe_files(figure, data)
     result = compared.compare(a, b)
     if data is not None:
         save_table(result.runs, data)
     if figure is not None:
-        compared.save(result, figure)
+        compared.save_comparison(result, figure)
     if as_json:
         click.echo(to_json(result.data))
     else:
-        click.echo(compared.as_text(result, options.MOST_ROWS))
+        click.echo(compared.comparison_text(result, options.PRINTED_ROWS))
     if result.disagree(allow):
         say("the directories disagree")
-        return options.FAILED
+        return options.EXIT_FAILED
     return DONE
 
 
@@ -661,14 +666,14 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     """
     from rattlesweep.analysis import sensitivity as estimate
 
-    probe(figure)
+    probe_files(figure)
     indices = estimate.sensitivity(directory)
     if figure is not None:
-        estimate.save(indices, figure)
+        estimate.save_sensitivity(indices, figure)
     if as_json:
         click.echo(to_json(indices))
     else:
-        click.echo(estimate.as_text(indices, options.MOST_ROWS))
+        click.echo(estimate.sensitivity_text(indices, options.PRINTED_ROWS))
 
 
 @command("Studies", "rattlesweep paper --quick", "rattlesweep paper --only fig7,fig8")
@@ -687,20 +692,25 @@ def paper(
     Prints a verdict on each claim. Writes data and pictures of the figures, and
     report.html, a self-contained page. After a stop the same command resumes.
     """
-    from rattlesweep.paper.reproduce import choose, closing_table, reproduce, tally
-    from rattlesweep.paper.workspace import FULL, QUICK, Workspace
+    from rattlesweep.paper.reproduce import (
+        choose_figures,
+        reproduce,
+        tally,
+        verdict_table,
+    )
+    from rattlesweep.paper.workspace import FULL_SIZES, QUICK_SIZES, Workspace
 
     start = time.monotonic()
-    names = choose(only)
+    names = choose_figures(only)
     directory = output or Path("out/paper-quick" if quick else "out/paper")
-    sizes = QUICK if quick else FULL
+    sizes = QUICK_SIZES if quick else FULL_SIZES
     progress = False if quiet else None
     workspace = Workspace(directory, sizes, threads=threads, progress=progress)
     with Bar.of_command(quiet) as bar:
         claims = reproduce(workspace, names, bar.stage)
     if not quiet:
         if claims:
-            click.echo(closing_table(claims))
+            click.echo(verdict_table(claims))
             say(f"{len(claims)} claims: {tally(claims)}")
         say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
     if workspace.failed:
@@ -757,16 +767,16 @@ def tradeoff(
     measured = study.measure(
         loaded,
         base,
-        settings=study.QUICK if quick else study.FULL,
+        settings=study.QUICK_SETTINGS if quick else study.FULL_SETTINGS,
         samples=samples,
         least=300 if quick else 2000,
         threads=threads or available_threads(),
         report=Bar.of_command().stage,
     )
-    files = study.save(measured, directory)
+    files = study.save_tradeoff(measured, directory)
     if as_json:
         click.echo(to_json(study.as_data(measured)))
     else:
-        click.echo(study.as_text(measured))
+        click.echo(study.tradeoff_text(measured))
     names = ", ".join(path.name for path in files)
     say(f"{names} in {directory}; {time.monotonic() - start:.1f} s")

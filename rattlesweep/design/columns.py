@@ -16,13 +16,13 @@ from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.names import REGIMES
 from rattlesweep.quantities import (
+    CONSTANT_OF_SURFACE,
     ENERGY,
     FORCE,
     LOSSES,
     MEASURES,
     QUANTITIES,
     RATE,
-    SURFACES,
     TIME,
     Definition,
 )
@@ -33,7 +33,7 @@ I64 = pa.int64()
 FLAG = pa.bool_()
 TEXT = pa.string()
 # "element" is Parquet's own name, with which a schema is read as it was written.
-SERIES = pa.list_(pa.field("element", F64))
+_SERIES = pa.list_(pa.field("element", F64))
 
 
 # A column before it is written: an array, or codes with their words, where -1 is null.
@@ -102,7 +102,7 @@ class Group:
 
 
 must = partial(Column, nullable=False)
-recorded = partial(Group, optional=True, recorded=True)
+_recorded = partial(Group, optional=True, recorded=True)
 
 
 def of_loss(name: str) -> Column:
@@ -280,7 +280,7 @@ GROUPS = (
             (Column(name, F64, f"bodies.further.{name}", note="null: a paraboloid"),),
             optional=True,
         )
-        for surface, name in SURFACES.items()
+        for surface, name in CONSTANT_OF_SURFACE.items()
         if name is not None
     ),
     Group(
@@ -324,7 +324,7 @@ GROUPS = (
         if loss.optional
     ),
     # By the words of `record`; null for a run that failed at launch.
-    recorded(
+    _recorded(
         "energy",
         "`record: [energy]`",
         (
@@ -338,7 +338,7 @@ GROUPS = (
         ),
         not_with=("gh",),
     ),
-    recorded(
+    _recorded(
         "contact",
         "`record: [contact]`",
         (
@@ -359,28 +359,32 @@ GROUPS = (
         ),
         not_with=("reduced", "gh"),
     ),
-    recorded(
+    _recorded(
         "windows",
         "`record: [windows]`",
         (
             Column("window_t", F64, "batch.window", TIME, "length of one window"),
             Column(
                 "window_amplitude",
-                SERIES,
+                _SERIES,
                 "window_amplitude",
                 RATE,
                 "amplitude of the relevant mode, by window",
             ),
             Column(
-                "window_n_min", SERIES, "window_n_min", RATE, "smallest spin, by window"
+                "window_n_min",
+                _SERIES,
+                "window_n_min",
+                RATE,
+                "smallest spin, by window",
             ),
             Column(
-                "window_n_max", SERIES, "window_n_max", RATE, "largest spin, by window"
+                "window_n_max", _SERIES, "window_n_max", RATE, "largest spin, by window"
             ),
         ),
         not_with=("gh",),
     ),
-    recorded(
+    _recorded(
         "lyapunov",
         "`record: [lyapunov]`",
         (
@@ -402,20 +406,20 @@ GROUPS = (
         ),
         not_with=("reduced", "gh"),
     ),
-    recorded(
+    _recorded(
         "spectrum",
         "`record: [spectrum]`",
         (
             Column(
                 "lyapunov_spectrum",
-                SERIES,
+                _SERIES,
                 "lyapunov_spectrum",
                 RATE,
                 "the five Lyapunov exponents, descending; null: no motion",
             ),
             Column(
                 "lyapunov_spectrum_late",
-                SERIES,
+                _SERIES,
                 "lyapunov_spectrum_late",
                 RATE,
                 "the same from half time; null: too short",
@@ -451,7 +455,7 @@ GROUPS = (
         optional=True,
         not_with=("reduced", "gh"),
     ),
-    recorded(
+    _recorded(
         "volume",
         "`record: [volume]`",
         (
@@ -465,7 +469,7 @@ GROUPS = (
         ),
         not_with=("reduced", "gh"),
     ),
-    recorded(
+    _recorded(
         "error",
         "`record: [error]`",
         (
@@ -511,7 +515,7 @@ GROUPS = (
         optional=True,
         not_with=("gh",),
     ),
-    recorded(
+    _recorded(
         "reversals",
         "`record: [reversals]`",
         (
@@ -525,14 +529,14 @@ GROUPS = (
             ),
             Column(
                 "turn_times",
-                SERIES,
+                _SERIES,
                 "turn_times",
                 TIME,
                 "first zero in each of the first eight turns",
             ),
             Column(
                 "spin_after_turn",
-                SERIES,
+                _SERIES,
                 "spin_after_turn",
                 RATE,
                 "largest absolute spin until the next turn",
@@ -553,7 +557,7 @@ GROUPS = (
             ),
             Column(
                 "reversal_times_error",
-                SERIES,
+                _SERIES,
                 "reversal_times_error",
                 TIME,
                 "estimated error of turn_times; null: unknown",
@@ -599,16 +603,16 @@ COLUMNS: dict[str, Column] = {
 }
 """All columns of `runs` that rattlesweep computes, by name."""
 
-RECORDS = tuple(group.name for group in GROUPS if group.recorded)
+RECORDABLE = tuple(group.name for group in GROUPS if group.recorded)
 """Words of `record`, in the order of the columns."""
 
 REFINABLE = tuple(column.name for column in COLUMNS.values() if column.refines)
 """Columns that `bodies.refine.by` may compare."""
 
-RUNS: dict[str, tuple[pa.Field, ...]] = {
+RUN_FIELDS: dict[str, tuple[pa.Field, ...]] = {
     group.name: tuple(column.field for column in group.columns) for group in GROUPS
 }
-STATE = tuple(column.field for column in STATE_GROUP.columns)
+STATE_FIELDS = tuple(column.field for column in STATE_GROUP.columns)
 MEASURED = tuple(column.field for column in SIZE_GROUP.columns)
 # Optional groups of columns, with the models that do not have them.
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
@@ -643,7 +647,7 @@ def runs_schema(
     fields: list[pa.Field] = []
     for group in GROUPS:
         if not group.optional or group.name in record:
-            fields += RUNS[group.name]
+            fields += RUN_FIELDS[group.name]
     return pa.schema([*fields, *extra])
 
 

@@ -11,7 +11,7 @@ from rattlesweep.design.models import constants_of, full_model_of, surface_const
 from rattlesweep.design.plan import Plan
 from rattlesweep.physics import full, surface, theory
 from rattlesweep.physics.surface import Surface
-from rattlesweep.quantities import COUPLES, LOSSES
+from rattlesweep.quantities import COUPLE_CONSTANTS, LOSSES
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Launches:
     def has_couples(self) -> Flags:
         """Whether couples of friction let the spin of a run decay."""
         lossy = np.zeros(len(self.n_i), bool)
-        for name in COUPLES & self.losses.keys():
+        for name in COUPLE_CONSTANTS & self.losses.keys():
             lossy |= self.losses[name] > 0
         return lossy
 

@@ -15,12 +15,12 @@ from rattlesweep.integrate.model import (
 )
 from rattlesweep.physics import full, surface
 from rattlesweep.physics.surface import Surface
-from rattlesweep.quantities import SURFACES
+from rattlesweep.quantities import CONSTANT_OF_SURFACE
 
 
 def surface_constant(bodies: Bodies, of_surface: Surface) -> Floats:
     """Return the further constant of a surface as models take it; 0 for paraboloids."""
-    name = SURFACES[of_surface.name]
+    name = CONSTANT_OF_SURFACE[of_surface.name]
     none = np.full(len(bodies.alpha), np.nan)
     values = none if name is None else bodies.further.get(name, none)
     return of_surface.constant(values)

@@ -16,19 +16,18 @@ from rattlesweep.design.bodies import Source
 from rattlesweep.design.bodies.sources import make_source
 from rattlesweep.design.bodies.table import TableBodies, check_value
 from rattlesweep.design.cases import MAX_RUNS, Case, Design
-from rattlesweep.design.columns import STATE, runs_schema
+from rattlesweep.design.columns import STATE_FIELDS, runs_schema
 from rattlesweep.design.config.clashes import SETTING_KEYS, clashes
 from rattlesweep.design.config.schema import Config, SdSource, TableSource
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
-from rattlesweep.quantities import LOSSES
+from rattlesweep.quantities import INITIAL_RATES, LOSSES
 from rattlesweep.units import Setting
 
-MOST_SIZES = 64  # bodies that are looked at to see whether their sizes differ
+_MOST_SIZES = 64  # bodies that are looked at to see whether their sizes differ
 NO_END = np.array([np.nan])  # horizon of launches that have none of their own
-Values = dict[str, list[Setting]]  # by column, empty where the table has them
-LAUNCH = ("n_i", "omega_xy0")
+_Values = dict[str, list[Setting]]  # by column, empty where the table has them
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ def make_plan(
         cases.append(Case.of(len(cases), name, value, launch | loss))
     extra = source.fields
     if is_state:
-        extra = STATE + extra
+        extra = STATE_FIELDS + extra
     plan = Plan(config, tuple(cases), source.samples, extra, source)
     if plan.runs > MAX_RUNS:
         size = f"{len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs"
@@ -82,7 +81,7 @@ def make_plan(
 
 
 def _launches(
-    config: Config, table: Mapping[str, Floats], values: Values
+    config: Config, table: Mapping[str, Floats], values: _Values
 ) -> tuple[list[dict[str, Setting]], Floats]:
     """Return the launches of the cases, and all their spins.
 
@@ -95,7 +94,7 @@ def _launches(
         launch = {"n_i": Setting(float(spin)), "omega_xy0": Setting(float(swing))}
         return [launch], np.array([spin])
     if config.spin is not None:
-        return _combinations(LAUNCH, values), np.array(config.spin.n_i)
+        return _combinations(INITIAL_RATES, values), np.array(config.spin.n_i)
     lacks = "the table has no columns n_i and omega_xy0"
     raise ConfigError(f"spin: missing; {lacks}, so the config must give them")
 
@@ -109,7 +108,7 @@ def _own_ends(table: Mapping[str, Floats]) -> Floats:
     return np.array([ends.min()])
 
 
-def _combinations(names: Iterable[str], values: Values) -> list[dict[str, Setting]]:
+def _combinations(names: Iterable[str], values: _Values) -> list[dict[str, Setting]]:
     """Return every combination of the values of some columns."""
     names = list(names)
     combinations = product(*(values[name] for name in names))
@@ -140,7 +139,7 @@ def _with_losses(config: Config, columns: Mapping[str, list[float | str]]) -> Co
     return config
 
 
-def _natural(config: Config, source: Source) -> Values:
+def _natural(config: Config, source: Source) -> _Values:
     """Return spins and losses in units of the bodies.
 
     Where the bodies differ in size, a list that has units stays in SI units.
@@ -149,9 +148,9 @@ def _natural(config: Config, source: Source) -> Values:
         return config.settings
     count = source.samples
     if not isinstance(source, TableBodies):
-        count = min(count, MOST_SIZES)
+        count = min(count, _MOST_SIZES)
     units = source.bodies(np.nan, np.arange(count)).units
-    natural: Values = {}
+    natural: _Values = {}
     for name, values in config.settings.items():
         converted = [_convert(name, value, units) for value in values]
         if any(value.si is not None and value.natural is None for value in converted):

@@ -17,12 +17,12 @@ from rattlesweep.design.plan import Plan
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.quantities import SURFACES
+from rattlesweep.quantities import CONSTANT_OF_SURFACE
 from rattlesweep.tails import LEAST_INDEX, tail_index
 
-MOST_RUNS = 4096  # runs that are judged
+_MOST_RUNS = 4096  # runs that are judged
 BODIES_DRAWN = 65_536  # bodies drawn to find the range of a target's coefficient
-SEED = 2017
+_SEED = 2017
 NEARLY_ZERO = 1e-12  # of the largest spin
 
 
@@ -32,11 +32,13 @@ def check_physics(plan: Plan) -> list[str]:
     which = f"the {plan.runs} runs"
     with config.locating(), np.errstate(all="ignore"):
         if isinstance(config.bodies, SdSource):
-            which = f"{MOST_RUNS} runs drawn from the ranges"
-            plan = replace(plan, source=_drawn_bodies(config.bodies), samples=MOST_RUNS)
-        elif plan.runs > MOST_RUNS:
-            which = f"{MOST_RUNS} of the {plan.runs} runs"
-        judged = min(plan.runs, MOST_RUNS)
+            which = f"{_MOST_RUNS} runs drawn from the ranges"
+            plan = replace(
+                plan, source=_drawn_bodies(config.bodies), samples=_MOST_RUNS
+            )
+        elif plan.runs > _MOST_RUNS:
+            which = f"{_MOST_RUNS} of the {plan.runs} runs"
+        judged = min(plan.runs, _MOST_RUNS)
         numbers = np.linspace(0, plan.runs - 1, judged).astype(np.int64)
         case, sample = np.divmod(numbers, plan.samples)
         launches = prepare(plan, case, sample)
@@ -135,8 +137,8 @@ def _drawn_bodies(source: SdSource) -> TableBodies:
     For a target the sampler may take hours.
     """
     ranges = ranges_of(source)
-    points = np.random.default_rng(SEED).random((len(ranges), BODIES_DRAWN))
-    bodies = bodies_at(points, ranges, SURFACES[source.bottom])
+    points = np.random.default_rng(_SEED).random((len(ranges), BODIES_DRAWN))
+    bodies = bodies_at(points, ranges, CONSTANT_OF_SURFACE[source.bottom])
     if source.target is not None:
         _check_reach(bodies, source.target)
     columns = {name: getattr(bodies, name) for name in (*PARAMETERS, "f_sd")}

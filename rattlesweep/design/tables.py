@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as csv
 import pyarrow.parquet as pq
 
-from rattlesweep.arrays import EXACT
+from rattlesweep.arrays import EXACT_WHOLE
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.files import as_path, open_regular
 
@@ -31,7 +31,7 @@ COMMA_DECIMAL = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 POINT_DECIMAL = re.compile(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?")
 
 
-WHOLE = re.compile(r"0|-?[1-9]\d*", re.ASCII)
+_WHOLE = re.compile(r"0|-?[1-9]\d*", re.ASCII)
 
 
 def of_all(name: str) -> bool:
@@ -257,7 +257,7 @@ def _as_written(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     cells = column.drop_null().to_pylist()
     if not cells:
         return column
-    if all(WHOLE.fullmatch(cell) for cell in cells):
+    if all(_WHOLE.fullmatch(cell) for cell in cells):
         largest = max(abs(int(cell)) for cell in cells)
         return column.cast(pa.int64()) if largest < 2**63 else column
     if all(_is_printed(cell, decimal) for cell in cells):
@@ -267,8 +267,8 @@ def _as_written(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
 
 def _is_printed(cell: str, decimal: str) -> bool:
     """Return whether a cell is what a float is printed as, or an exact whole number."""
-    if WHOLE.fullmatch(cell):
-        return abs(int(cell)) <= EXACT
+    if _WHOLE.fullmatch(cell):
+        return abs(int(cell)) <= EXACT_WHOLE
     text = cell.replace(decimal, "p").replace(".", "").replace("p", ".")
     try:
         number = float(text)

@@ -23,13 +23,13 @@ Measured = tuple[Sequence[object], dict[str, Any]]
 
 UNDECIDED = "too few samples to tell"
 # Rounding error allowed in an identity between doubles.
-EXACT = 1e-9
+ROUNDING_ALLOWED = 1e-9
 # Fraction of a headline that must hold for `partly` if the paper's words leave room.
-MOST = 0.9
+_MOST = 0.9
 
 
 @dataclass(frozen=True)
-class Count:
+class Tally:
     """How many meet a criterion, true if all do; ``unsure`` ones fail within error."""
 
     hits: int
@@ -39,8 +39,8 @@ class Count:
     def __bool__(self) -> bool:
         return 0 < self.hits == self.total
 
-    def __add__(self, other: Count) -> Count:
-        return Count(
+    def __add__(self, other: Tally) -> Tally:
+        return Tally(
             self.hits + other.hits, self.total + other.total, self.unsure + other.unsure
         )
 
@@ -48,16 +48,16 @@ class Count:
         return f"{self.hits:,} of {self.total:,}"
 
 
-def every(mask: ArrayLike, possible: ArrayLike = False) -> Count:
+def every(mask: ArrayLike, possible: ArrayLike = False) -> Tally:
     """Count true values, and false ones that are `possible` within sampling error."""
     holds = np.asarray(mask, dtype=bool)
     unsure = ~holds & np.asarray(possible, dtype=bool)
-    return Count(int(holds.sum()), holds.size, int(unsure.sum()))
+    return Tally(int(holds.sum()), holds.size, int(unsure.sum()))
 
 
 def rises(
     frame: pd.DataFrame, value: str, by: str, within: Sequence[str], *, sign: int = 1
-) -> Count:
+) -> Tally:
     """Count the groups in which a value rises (with sign -1, falls) with a column.
 
     The groups share the columns ``within``; `value` is ordered by abs(``by``).
@@ -89,7 +89,7 @@ class Share(TypedDict):
     share: str
 
 
-def share(hits: int, runs: int) -> Share:
+def share_and_text(hits: int, runs: int) -> Share:
     """Return a share and its 95 % interval as numbers, and as the text ``share``."""
     low, high = map(float, wilson(hits, runs))
     value = np.nan
@@ -99,13 +99,13 @@ def share(hits: int, runs: int) -> Share:
     return {"value": value, "low": low, "high": high, "share": text}
 
 
-def span(values: Iterable[float]) -> tuple[float, float]:
+def extremes(values: Iterable[float]) -> tuple[float, float]:
     """Return the smallest and the largest value."""
     return min(values), max(values)
 
 
 @cache
-def read_table(name: str) -> dict[str, dict[str, Any]]:
+def read_rows_of(name: str) -> dict[str, dict[str, Any]]:
     """Return the rows of ``NAME.yaml`` by id, with names of functions resolved."""
     path = Path(__file__).with_name(f"{name}.yaml")
     rows: dict[str, dict[str, Any]] = YAML(typ="safe").load(path)
@@ -118,7 +118,7 @@ def read_table(name: str) -> dict[str, dict[str, Any]]:
 def judge(made: Made, *, theory: bool, few: bool = False) -> list[dict[str, Any]]:
     """Judge the claims whose parts were made; with `theory`, those about formulas."""
     judged = []
-    for name, claim in read_table("claims").items():
+    for name, claim in read_rows_of("claims").items():
         can_judge = theory
         if "parts" in claim:
             can_judge = made.keys() >= set(claim["parts"])
@@ -179,7 +179,7 @@ def judge_claim(claim: Mapping[str, Any], made: Made, few: bool) -> dict[str, An
 def _answer(criterion: str, check: object) -> str:
     """Return a criterion with its answer, and with the count if there is one."""
     answer = "yes" if check else "no"
-    if isinstance(check, Count):
+    if isinstance(check, Tally):
         answer = f"{answer}, {check}"
     return f"{criterion}: {answer}"
 
@@ -198,7 +198,7 @@ def verdict_of(checks: Sequence[object], few: bool, leeway: bool) -> str:
         return "agree"
     if all(possible) or (possible[0] and not head):
         return UNDECIDED
-    most = isinstance(head, Count) and head.hits >= MOST * head.total > 0
+    most = isinstance(head, Tally) and head.hits >= _MOST * head.total > 0
     if head or (leeway and most):
         return "partly"
     return "disagree"
@@ -206,4 +206,4 @@ def verdict_of(checks: Sequence[object], few: bool, leeway: bool) -> str:
 
 def _may_hold(check: object) -> bool:
     """Return whether a count that fails may hold within its sampling error."""
-    return isinstance(check, Count) and check.hits + check.unsure == check.total
+    return isinstance(check, Tally) and check.hits + check.unsure == check.total

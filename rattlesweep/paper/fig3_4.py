@@ -20,17 +20,17 @@ from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
 
 LEVELS = 2001  # points of a cumulative distribution
-CHUNK = 100_000  # bodies counted at a time
+_CHUNK = 100_000  # bodies counted at a time
 # The paper's lower bound of omega_p/omega_r (Methods), and its colour code of nine
 # decades.
 BOUND = 1.3
 DECADES = 9
 # The binned axes of Fig. 4(b).  Not named in the paper; no body of Table I lies
 # outside.
-ENDS = {"K_p": (0.0, 7.0), "K_r": (0.0, 0.4)}
-BINS = 200
-EDGES = {name: np.linspace(*ends, BINS + 1) for name, ends in ENDS.items()}
-CLOSE = 0.02  # distance at which two distributions look the same in print
+_ENDS = {"K_p": (0.0, 7.0), "K_r": (0.0, 0.4)}
+_BINS = 200
+EDGES = {name: np.linspace(*ends, _BINS + 1) for name, ends in _ENDS.items()}
+_CLOSE = 0.02  # distance at which two distributions look the same in print
 MUCH = 10.0  # ratio that counts as "much larger"
 
 
@@ -95,7 +95,7 @@ def frequency_claim(made: Made) -> Measured:
     row = records(made["fig3"]["summary"])[0]
     least = float(made["fig3"]["cumulative"]["ratio"].iloc[0])
     distance = max(row["distance_p"], row["distance_r"])
-    checks = [row["below"] == 0, row["ratio_bound"] >= BOUND, distance < CLOSE]
+    checks = [row["below"] == 0, row["ratio_bound"] >= BOUND, distance < _CLOSE]
     return checks, {**row, "value": least, "low": row["ratio_bound"]}
 
 
@@ -173,28 +173,28 @@ def coefficients(ws: Workspace) -> Tables:
 
 def count_bodies(total: int, threads: int | None = None) -> tuple[Integers, int]:
     """Count bodies by ``K_p, K_r``, shape (bins, bins), and those below the bound."""
-    counts = np.zeros(BINS**2, np.int64)
+    counts = np.zeros(_BINS**2, np.int64)
     lock = threading.Lock()
 
     def count_chunk(first: int, control: Control) -> int:
-        alpha, beta, _, theta, phi, xi = drawn_bodies(first, min(first + CHUNK, total))
+        alpha, beta, _, theta, phi, xi = drawn_bodies(first, min(first + _CHUNK, total))
         square_p, square_r, *pair = theory.torque_coefficients(
             alpha, beta, theta, phi, xi
         )
         i, j = (
-            ((values - low) * (BINS / (high - low))).astype(np.int64)
-            for values, (low, high) in zip(pair, ENDS.values(), strict=True)
+            ((values - low) * (_BINS / (high - low))).astype(np.int64)
+            for values, (low, high) in zip(pair, _ENDS.values(), strict=True)
         )
-        inside = (i < BINS) & (j < BINS)
-        bodies_in_bins = np.bincount((BINS * i + j)[inside], minlength=BINS**2)
+        inside = (i < _BINS) & (j < _BINS)
+        bodies_in_bins = np.bincount((_BINS * i + j)[inside], minlength=_BINS**2)
         with lock:
             np.add(counts, bodies_in_bins, out=counts)
         return int((np.sqrt(square_p / square_r) < BOUND).sum())
 
     drawn_bodies(0, 0)  # compiles the sampler, if need be, in one thread
-    calls = [partial(count_chunk, first) for first in range(0, total, CHUNK)]
+    calls = [partial(count_chunk, first) for first in range(0, total, _CHUNK)]
     below = sum(side_by_side(calls, threads or available_threads()))
-    return counts.reshape(BINS, BINS), below
+    return counts.reshape(_BINS, _BINS), below
 
 
 def coefficient_claim(made: Made) -> Measured:
@@ -253,7 +253,7 @@ def draw_coefficients(tables: Tables) -> Figure:
     )
     upper.legend()
     upper.set_title("(a)", loc="left")
-    shown = np.full((BINS, BINS), np.nan)
+    shown = np.full((_BINS, _BINS), np.nan)
     shown[density["i"], density["j"]] = np.log10(density["relative_frequency"])
     picture = lower.pcolormesh(
         EDGES["K_p"],

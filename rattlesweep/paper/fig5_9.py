@@ -23,11 +23,12 @@ from rattlesweep.analysis.style import (
 from rattlesweep.api import modes, reversal_time_gh, simulate
 from rattlesweep.paper.claim import Measured, every
 from rattlesweep.paper.workspace import (
+    OMEGA_XY0,
     Made,
     Tables,
     Workspace,
     draw_spin,
-    follow,
+    follow_run,
     records,
     thinned,
 )
@@ -36,20 +37,19 @@ from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.vectors import smooth_volume
 from rattlesweep.store.types import is_chaotic
 
-OMEGA_XY0 = 0.01
 # Fig. 5(a) and (b): initial spin and duration.  The paper does not state the durations.
-ENDS = {"unsteady": (0.1, 200.0), "steady": (-0.1, 1500.0)}
+SPINS_AND_TIMES = {"unsteady": (0.1, 200.0), "steady": (-0.1, 1500.0)}
 COMPONENTS = ("omega_x", "omega_y")
 
 THETAS = (0.6429, 0.82, 0.9)
 # Fig. 9: launch and duration.  The paper does not state the duration.
-LAUNCH: dict[str, Any] = {"n_i": 0.1, "omega_xy0": OMEGA_XY0}
-T_END = 20_000.0
+LONG_LAUNCH: dict[str, Any] = {"n_i": 0.1, "omega_xy0": OMEGA_XY0}
+LONG_T_END = 20_000.0
 # Initial E_r of the reduced model, whose initial E_p is that of the launch.
 E_R0 = 3e-5
 # At 1e-9 the reversals of the first run are up to 7 % early.  DOP853 at 1e-13, Verner's
 # method at 1e-12 and RK4 with the paper's step agree on all of them to 0.1.
-TOL = 1e-13
+LONG_TOL = 1e-13
 REDUCED_TOL = 1e-12
 # Of the longer runs.  At 1e-9 errors of the method hide the exponents of the first one.
 EXPONENTS_TOL = 1e-11
@@ -58,9 +58,9 @@ EXPONENTS_TOL = 1e-11
 ONE_REVERSAL = 5
 # Parts of a run's second half; their scatter gives the error of the mean rate of phase
 # volume.
-PARTS = 10
-STATE = ("u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z")
-CHANNELS = (
+_PARTS = 10
+_STATE = ("u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z")
+_CHANNELS = (
     "n",
     "n_reduced",
     "E_p",
@@ -68,10 +68,10 @@ CHANNELS = (
     "energy_drift",
     "F_normal",
     "F_tangential",
-    *STATE,
+    *_STATE,
 )
 # Columns of the longer runs.
-BEYOND = ("t_end", "lyapunov_late", "kaplan_yorke", "regime")
+_BEYOND = ("t_end", "lyapunov_late", "kaplan_yorke", "regime")
 volume_rate = vectorize(smooth_volume.py_func)
 
 
@@ -80,8 +80,8 @@ def reversals(_: Workspace) -> Tables:
     body = Rattleback.gh()
     tables: dict[str, pd.DataFrame] = {}
     rows = []
-    for name, (n_i, t_end) in ENDS.items():
-        run = follow(
+    for name, (n_i, t_end) in SPINS_AND_TIMES.items():
+        run = follow_run(
             body,
             "n",
             "n_gh",
@@ -196,7 +196,7 @@ def draw_reversals(tables: Tables) -> Figure:
     figure = new_figure(9.2, 6.0)
     # omega_x and omega_y share their scale, so that (a) and (b) can be compared.
     most = 1.1 * max(
-        tables[name][[*COMPONENTS]].abs().to_numpy().max() for name in ENDS
+        tables[name][[*COMPONENTS]].abs().to_numpy().max() for name in SPINS_AND_TIMES
     )
     axes = figure.subplots(3, 2, sharex="col")
     for letter, run, column in zip("ab", records(tables["runs"]), axes.T, strict=True):
@@ -246,7 +246,7 @@ def long_runs(ws: Workspace) -> Tables:
     bodies = [replace(Rattleback.gh(), theta=theta) for theta in THETAS]
     longer = simulate(
         bodies,
-        **LAUNCH,
+        **LONG_LAUNCH,
         **ws.settings,
         tol=EXPONENTS_TOL,
         t_end=ws.sizes.exponents_t_end,
@@ -255,16 +255,18 @@ def long_runs(ws: Workspace) -> Tables:
     spin = []
     rows = []
     for body, beyond in zip(bodies, records(longer), strict=True):
-        run = follow(body, *CHANNELS, **LAUNCH, t_end=T_END, e_r0=E_R0, tol=TOL)
-        simple = follow(
+        run = follow_run(
+            body, *_CHANNELS, **LONG_LAUNCH, t_end=LONG_T_END, e_r0=E_R0, tol=LONG_TOL
+        )
+        simple = follow_run(
             body,
             "n",
             "energy_drift",
             "C_I",
             model="reduced",
             dt=1.0,
-            **LAUNCH,
-            t_end=T_END,
+            **LONG_LAUNCH,
+            t_end=LONG_T_END,
             e_r0=E_R0,
             tol=REDUCED_TOL,
         )
@@ -299,7 +301,7 @@ def long_runs(ws: Workspace) -> Tables:
                 "normal_min": table["F_normal"][least],
                 "normal_t": table["t"][least],
                 **volume_numbers(table, body),
-                **{name: beyond[name] for name in BEYOND},
+                **{name: beyond[name] for name in _BEYOND},
                 "exponents": listed(beyond["lyapunov_spectrum_late"]),
                 "shrinking": sum(beyond["lyapunov_spectrum_late"]),
                 "growth": beyond["lyapunov_late"] * beyond["t_end"] / 2,
@@ -331,14 +333,14 @@ def volume_numbers(table: pd.DataFrame, body: Rattleback) -> dict[str, float]:
     """Return extremes and mean rate of the logarithm of a run's phase volume."""
     constants = full.constants(*(getattr(body, name) for name in PARAMETERS))
     t = table["t"].to_numpy()
-    state = table[[*STATE]].to_numpy().T
+    state = table[[*_STATE]].to_numpy().T
     volume = cumulative_trapezoid(
         volume_rate(*state, *constants, 0.0, 0.0), t, initial=0
     )
     half = t[-1] / 2
     rates = (
-        np.diff(np.interp(np.linspace(half, t[-1], PARTS + 1), t, volume))
-        * PARTS
+        np.diff(np.interp(np.linspace(half, t[-1], _PARTS + 1), t, volume))
+        * _PARTS
         / half
     )
     return {
@@ -346,7 +348,7 @@ def volume_numbers(table: pd.DataFrame, body: Rattleback) -> dict[str, float]:
         "volume_high": volume.max(),
         "volume_late": volume[t >= half].max(),
         "rate": rates.mean(),
-        "error": rates.std(ddof=1) / np.sqrt(PARTS),
+        "error": rates.std(ddof=1) / np.sqrt(_PARTS),
     }
 
 
@@ -434,7 +436,7 @@ def draw_long_runs(tables: Tables) -> Figure:
         look = THEORY | {"color": VERMILION, "label": "reduced model"}
         axis.plot(series["t"], series["n_reduced"], **look)
         axis.set_title(f"({letter}) {value_text('theta', theta)}", loc="left")
-        axis.set_xlim(0, T_END)
+        axis.set_xlim(0, LONG_T_END)
         axis.label_outer()
     add_legend(figure, axes[0].get_legend_handles_labels()[0])
     return figure

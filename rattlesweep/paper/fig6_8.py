@@ -17,13 +17,14 @@ from matplotlib.figure import Figure
 from rattlesweep.analysis.style import GREY, SERIES, add_legend, new_figure, value_text
 from rattlesweep.api import growth_rates, modes
 from rattlesweep.arrays import Floats
-from rattlesweep.paper.claim import Measured, every, rises, span
+from rattlesweep.paper.claim import Measured, every, extremes, rises
 from rattlesweep.paper.workspace import (
+    OMEGA_XY0,
     Made,
     Tables,
     Workspace,
     draw_spin,
-    follow,
+    follow_run,
     records,
 )
 from rattlesweep.physics.body import PARAMETERS, Rattleback
@@ -31,21 +32,20 @@ from rattlesweep.store.types import Z95
 
 SYMBOL = 10**0.1
 # Fewest runs for a median; with less than two or four times as many it is uncertain.
-FEW = 5
+_FEW = 5
 # Fig. 6(b): launch and duration.  The paper does not state the duration.
 N_I = 0.5
-OMEGA_XY0 = 0.01
-T_END = 150.0
+_T_END = 150.0
 # "Several times" t_rGH: a reversal after this multiple of t_rGH is late.
 LATE_FROM = 2.0
 # The spin has left its plateau when it has lost this fraction.
 PLATEAU = 0.1
 
 
-def unsteady(ws: Workspace) -> Tables:
+def runs_from_unsteady(ws: Workspace) -> Tables:
     """Return the tables ``times`` of Fig. 6(a) and ``spin`` of (b)."""
-    run = follow(
-        Rattleback.gh(), "n", "omega_x", n_i=N_I, omega_xy0=OMEGA_XY0, t_end=T_END
+    run = follow_run(
+        Rattleback.gh(), "n", "omega_x", n_i=N_I, omega_xy0=OMEGA_XY0, t_end=_T_END
     )
     return {"times": times(ws.sweep("unsteady"), "K_p"), "spin": run.table}
 
@@ -189,7 +189,7 @@ def beside_formula(points: pd.DataFrame, coefficient: str) -> Measured:
         "value": value,
         "low": low,
         "high": high,
-        "slopes": span(slopes),
+        "slopes": extremes(slopes),
         "least": points["ratio"].min(),
         "largest": points["ratio"].max(),
         "farthest": f"{value:.3f} [{low:.3f}, {high:.3f}] at "
@@ -211,7 +211,7 @@ def unsteady_formula(made: Made) -> Measured:
     return [*checks, every(points["scatter"] < 0.1, points["scatter_low"] < 0.1)], {
         **numbers,
         "ten": every((points["ratio"] - 1).abs() < 0.1),
-        "scatter": span(points["scatter"]),
+        "scatter": extremes(points["scatter"]),
         "outside": outside or "none",
     }
 
@@ -240,7 +240,7 @@ def large_spin(made: Made) -> Measured:
         "value": points["ratio"].max(),
         "low": None,
         "high": None,
-        "fast": span(beyond["ratio"]),
+        "fast": extremes(beyond["ratio"]),
         "spin": spin,
         "span": np.ptp(until["n"]),
         "multiple": spin / swing,
@@ -267,7 +267,7 @@ def steady_formula(made: Made) -> Measured:
         rises(sizes, "ratio", "omega_xy0", curves, sign=-1),
         every(large["ratio_high"] < 1, large["ratio_low"] < 1),
         rises(sizes, "scatter", "omega_xy0", curves),
-    ], numbers | {"large": span(large["ratio"])}
+    ], numbers | {"large": extremes(large["ratio"])}
 
 
 def late_reversals(made: Made) -> Measured | None:
@@ -288,13 +288,13 @@ def late_reversals(made: Made) -> Measured | None:
     tops = high.groupby(["n_i", "omega_xy0"])["ratio_std"].max()
     without = many["ratio_std_prompt"] / many["ratio_std"]
     followed = many.query("followed > 0").dropna(subset=["plateau"])
-    rare = many["late"] < 2 * FEW
+    rare = many["late"] < 2 * _FEW
     checks = [
         bool(spread > 2 * calm),
         every(ends["ratio_std"].min() > tops, ends["end"].min() > tops),
         every(without < 0.5, rare),
         every(many["growth_late"] < 0.5, rare),
-        every(followed["plateau"] > 0.9, followed["followed"] < 2 * FEW),
+        every(followed["plateau"] > 0.9, followed["followed"] < 2 * _FEW),
     ]
     return checks, {
         "value": float(spread / calm),
@@ -312,11 +312,11 @@ def late_reversals(made: Made) -> Measured | None:
 def onset_of_wobbling(made: Made) -> Measured | None:
     """Measure S8: wobbling begins when other runs reverse; None: too few runs."""
     onset = made["fig8"]["windows"]
-    points = onset.query(f"wobbling >= {FEW} and reversed >= {FEW}")
+    points = onset.query(f"wobbling >= {_FEW} and reversed >= {_FEW}")
     if points.empty:
         return None
     ratio = (points["onset_median"] / points["t_r_median"]).rename("ratio")
-    few = points[["wobbling", "reversed"]].min(axis=1) < 4 * FEW
+    few = points[["wobbling", "reversed"]].min(axis=1) < 4 * _FEW
     slow = onset.query("K_r < 0.03 and abs(n_i) >= 0.3")
     late = slow["onset_late"].sum() / max(1, slow["wobbling"].sum())
     return [every(ratio.between(0.5, 2), few), every([late > 0], True)], {

@@ -16,13 +16,20 @@ from rattlesweep.analysis.style import (
     new_figure,
     value_text,
 )
-from rattlesweep.paper.claim import Count, Measured, every, rises, share, span
+from rattlesweep.paper.claim import (
+    Measured,
+    Tally,
+    every,
+    extremes,
+    rises,
+    share_and_text,
+)
 from rattlesweep.paper.workspace import (
     Made,
     Tables,
     Workspace,
     draw_spin,
-    follow,
+    follow_run,
     records,
     thinned,
 )
@@ -31,7 +38,7 @@ from rattlesweep.store.types import is_chaotic, wilson
 
 POINT = ["K_r", "n_i", "omega_xy0"]
 # Types in the order of the legend.
-SHOWN = ("R", "SW", "SS", "unclassified")
+_SHOWN = ("R", "SW", "SS", "unclassified")
 # Examples of (b): the runs to choose from, the column to sort them by, and the title.
 EXAMPLES = {
     "spin_ss": (
@@ -89,7 +96,7 @@ def types(ws: Workspace) -> Tables:
     runs["chaotic"] = is_chaotic(runs["lyapunov_late"], runs["t_end"])
     return {
         "fractions": fractions(runs),
-        "settled": settled(runs[runs["type"] == "SS"]),
+        "settled": _settled(runs[runs["type"] == "SS"]),
         "chaos": runs.loc[tested.index],
         **examples(runs),
     }
@@ -104,14 +111,14 @@ def fractions(runs: pd.DataFrame) -> pd.DataFrame:
         bondi=past,
         ss_only=steady & ~past,
         bondi_only=past & ~steady,
-        **{name: runs["type"] == name for name in SHOWN},
+        **{name: runs["type"] == name for name in _SHOWN},
     )
     return with_shares(
-        counts.groupby(POINT, sort=False).sum().reset_index(), ["bondi", *SHOWN]
+        counts.groupby(POINT, sort=False).sum().reset_index(), ["bondi", *_SHOWN]
     )
 
 
-def settled(runs: pd.DataFrame) -> pd.DataFrame:
+def _settled(runs: pd.DataFrame) -> pd.DataFrame:
     """Return where spins of type SS end; ``gain`` is 1 if all energy became spin."""
     # Within 1 % of Bondi's threshold the oscillation has not decayed by the horizon.
     near = runs["n_c1"].abs() > 0.99 * runs["n_i"].abs()
@@ -134,7 +141,7 @@ def examples(runs: pd.DataFrame) -> Tables:
             place = -1
         run = chosen.iloc[place]
         shown = min(20_000.0, run["t_end"])
-        series = follow(
+        series = follow_run(
             Rattleback(*map(float, run[list(PARAMETERS)])),
             "n",
             n_i=run["n_i"],
@@ -169,7 +176,7 @@ def steady_spin(made: Made) -> Measured:
     halves = pooled(beyond, "SS", by=("n_i", "omega_xy0", "half"))
     each = pooled(beyond.query("omega_xy0 <= 0.01"), "SS")["hits"]
     top = records(frame.nlargest(1, "fraction_SS"))[0]
-    most = share(int(slowest["R"].sum()), int(slowest["runs"].sum()))
+    most = share_and_text(int(slowest["R"].sum()), int(slowest["runs"].sum()))
     checks = [
         every([frame.query("abs(n_i) <= 0.2")["SS"].sum() == 0])
         + every(each > 0, True),
@@ -213,9 +220,9 @@ def wobbling(made: Made) -> Measured:
         ),
     ]
     return checks, {
-        **share(int(beyond["SW"].sum()), int(beyond["runs"].sum())),
-        "single": span(beyond["fraction_SW"]),
-        "both": span(both),
+        **share_and_text(int(beyond["SW"].sum()), int(beyond["runs"].sum())),
+        "single": extremes(beyond["fraction_SW"]),
+        "both": extremes(both),
         "both_mean": both.mean(),
         "mean": around["fraction_hits"].mean(),
         "by_spin": records(by_spin.agg(["min", "max"]).reset_index()),
@@ -228,7 +235,7 @@ def threshold(made: Made) -> Measured:
     wrong = int(cases[["ss_only", "bondi_only"]].sum().sum())
     runs = int(cases["runs"].sum())
     numbers = {"wrong": wrong, "runs": runs, "SS": int(cases["SS"].sum())}
-    return [Count(runs - wrong, runs)], share(wrong, runs) | numbers
+    return [Tally(runs - wrong, runs)], share_and_text(wrong, runs) | numbers
 
 
 def large_oscillation(made: Made) -> Measured:
@@ -240,7 +247,7 @@ def large_oscillation(made: Made) -> Measured:
     hits, runs = map(int, large.query("n_i == -0.3")[["SS", "runs"]].sum())
     more = pooled(least.query("abs(n_i) >= 0.4"), "SS")
     fewer = pooled(large.query("abs(n_i) >= 0.4"), "SS")
-    decided = share(hits, runs)
+    decided = share_and_text(hits, runs)
     past = int(large["bondi_only"].sum())
     checks = [
         past > 0,
@@ -284,19 +291,19 @@ def wobbling_chaos(made: Made) -> Measured | None:
     attractors = int((chaotic["regime"] == "attractor").sum())
     overlap = wilson(many, small)[1] > wilson(few, large)[0]
     checks = [
-        Count(total - hits, total),
+        Tally(total - hits, total),
         every([many > 0], True),
         every([many * large > few * small], overlap),
     ]
     return checks, {
-        **share(hits, total),
+        **share_and_text(hits, total),
         "hits": hits,
         "runs": total,
         "middle": middle,
         "small": f"{many} of {small}",
         "large": f"{few} of {large}",
         "K_r": least,
-        "least": f"{lowest[0]} of {lowest[1]}, {share(*lowest)['share']}",
+        "least": f"{lowest[0]} of {lowest[1]}, {share_and_text(*lowest)['share']}",
         "attractors": f"{attractors} of {len(chaotic)}",
         "dimension": chaotic["kaplan_yorke"].median(),
         "periodic": int((runs["regime"] == "periodic").sum()),
@@ -311,7 +318,7 @@ def settled_spins(made: Made) -> Measured | None:
     if far.empty or wobbling.empty:
         return None
     faster = every(far["beyond"] > 0)
-    between = Count(
+    between = Tally(
         int(wobbling["centre_between"].sum()), int(wobbling["wobbling"].sum())
     )
     medians = far.groupby(["n_i", "omega_xy0"])[["beyond", "gain"]].median()
@@ -358,7 +365,7 @@ def draw_types(tables: Tables) -> Figure:
             label=r"$|n_{c1}| < |n_i|$ (Bondi)",
             zorder=4,
         )
-        for name in SHOWN:
+        for name in _SHOWN:
             mark = TYPE_STYLE[name]
             face = "white"
             if mark.marker == "x":  # a cross has no face to leave white

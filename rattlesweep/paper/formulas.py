@@ -14,7 +14,7 @@ import numpy as np
 from rattlesweep.api import modes
 from rattlesweep.arrays import Floats
 from rattlesweep.design.config.schema import SdRanges
-from rattlesweep.paper.claim import EXACT, Count, Measured, every, span
+from rattlesweep.paper.claim import ROUNDING_ALLOWED, Measured, Tally, every, extremes
 from rattlesweep.paper.fig3_4 import drawn_bodies
 from rattlesweep.paper.workspace import Made
 from rattlesweep.physics import full, reduced, steady, theory
@@ -46,7 +46,7 @@ def wide_bodies() -> tuple[Floats, ...]:
 
 
 # Printed numbers of the body GH (angles in degrees), and how many decimals they have.
-PRINTED = {
+PRINTED_NUMBERS = {
     "K_p": (0.553, 3),
     "K_r": (0.0967, 4),
     "omega_p": (1.44, 2),
@@ -55,7 +55,7 @@ PRINTED = {
     "psi_r": (88, 0),
 }
 # Half a unit in the last digit of GH in Table I, where xi is in degrees.
-ROUNDING = {
+_ROUNDING = {
     "alpha": 5e-3,
     "beta": 5e-4,
     "theta": 5e-5,
@@ -65,9 +65,9 @@ ROUNDING = {
 
 
 def gh_numbers(**parameters: Any) -> dict[str, float]:
-    """Return the numbers in :data:`PRINTED` for GH with some parameters changed."""
+    """Return the numbers in `PRINTED_NUMBERS` for GH with some parameters changed."""
     body_modes = modes(replace(Rattleback.gh(), **parameters))
-    values = {name: float(getattr(body_modes, name)) for name in PRINTED}
+    values = {name: float(getattr(body_modes, name)) for name in PRINTED_NUMBERS}
     return values | {
         name: float(np.degrees(values[name])) for name in ("psi_p", "psi_r")
     }
@@ -77,24 +77,26 @@ def as_printed(numbers: dict[str, float]) -> dict[str, bool]:
     """Return which of the numbers round to the printed ones."""
     return {
         name: round(numbers[name], digits) == value
-        for name, (value, digits) in PRINTED.items()
+        for name, (value, digits) in PRINTED_NUMBERS.items()
     }
 
 
-def garcia_hubbard(_: Made) -> Measured:
+def printed_modes(_: Made) -> Measured:
     """Measure T1: the numbers of GH, and of all bodies that Table I rounds to GH."""
     body = Rattleback.gh()
     numbers = gh_numbers()
     corners = []
-    for steps in product(*((-half, half) for half in ROUNDING.values())):
-        moved = zip(ROUNDING, steps, strict=True)
+    for steps in product(*((-half, half) for half in _ROUNDING.values())):
+        moved = zip(_ROUNDING, steps, strict=True)
         corner = {name: getattr(body, name) + step for name, step in moved}
         corners.append(gh_numbers(**corner))
-    ends = {name: span([corner[name] for corner in corners]) for name in PRINTED}
+    ends = {
+        name: extremes([corner[name] for corner in corners]) for name in PRINTED_NUMBERS
+    }
     within = [
         ends[name][0] < value + 0.5 * 10.0**-digits
         and ends[name][1] > value - 0.5 * 10.0**-digits
-        for name, (value, digits) in PRINTED.items()
+        for name, (value, digits) in PRINTED_NUMBERS.items()
     ]
     # 0.03 rad is 1.719 degrees, which Table I would print as 1.72.
     skewed = gh_numbers(xi=-0.03)
@@ -155,10 +157,10 @@ def identities(_: Made) -> Measured:
     signs = exact["K_p"] * exact["K_r"] > 0
     printed = float(np.max(np.abs(exact["printed"] / difference)))
     checks = [
-        largest["ratio"] < EXACT,
-        largest["difference"] < EXACT,
+        largest["ratio"] < ROUNDING_ALLOWED,
+        largest["difference"] < ROUNDING_ALLOWED,
         every(signs),
-        abs(printed - 1) < EXACT,
+        abs(printed - 1) < ROUNDING_ALLOWED,
     ]
     return checks, {
         **largest,
@@ -191,7 +193,7 @@ def limits(_: Made) -> Measured:
     }
 
 
-def ellipsoid(centre: float, b2: Floats, c2: Floats) -> dict[str, Floats]:
+def _ellipsoid(centre: float, b2: Floats, c2: Floats) -> dict[str, Floats]:
     """Return the parameters of an ellipsoid of semi-axes c, b, 1, or of its half."""
     height = 1 - centre
     vertical = 1 / 5 - centre**2
@@ -213,7 +215,7 @@ def ellipsoids(_: Made) -> Measured:
         )
         c2 = (1 - centre) * (1 + first)
         b2 = c2 * (1 + second)
-        modes = theory.modes(**ellipsoid(centre, b2, c2), xi=0.0)
+        modes = theory.modes(**_ellipsoid(centre, b2, c2), xi=0.0)
         pitch = modes.omega_p0**2
         roll = modes.omega_r0**2
         excess.append(pitch / roll - 1)
@@ -221,7 +223,7 @@ def ellipsoids(_: Made) -> Measured:
         off.append(np.abs(pitch - roll - closed) / pitch)
     more = np.concatenate(excess)
     formula = float(np.max(off))
-    return [every(more > 0), formula < EXACT], {
+    return [every(more > 0), formula < ROUNDING_ALLOWED], {
         "shapes": len(more),
         "value": float(more.min()),
         "formula": formula,
@@ -264,7 +266,7 @@ def slow_spin(_: Made) -> Measured:
     wanted = np.stack([ratio * p * s, -r * s, r**2 - ratio * p**2])
     rest = np.stack([pitch / (gamma * p), roll / (gamma * r), spin]) - wanted
     field = float(np.max(np.abs(rest) / np.linalg.norm(wanted, axis=0)))
-    return [value < EXACT for value in (*off, field)], {
+    return [value < ROUNDING_ALLOWED for value in (*off, field)], {
         "off": off,
         "field": field,
         "value": max(*off, field),
@@ -272,7 +274,7 @@ def slow_spin(_: Made) -> Measured:
     }
 
 
-def reversal_times(_: Made) -> Measured:
+def times_by_skew(_: Made) -> Measured:
     """Measure T8: Garcia and Hubbard's times against the skew, and their ratio."""
     alpha, beta, _gamma, theta_, phi, xi = body = drawn_bodies(0, SAMPLES)
     n_i = 0.1
@@ -293,7 +295,7 @@ def reversal_times(_: Made) -> Measured:
         (np.abs(in_steady / unsteady / exact["ratio"] - 1) / exact["magnified"]).max()
     )
     far = times(-largest) * largest / (times(-small) * small)
-    return [slope < 1e-6, off < EXACT], {
+    return [slope < 1e-6, off < ROUNDING_ALLOWED], {
         "value": slope,
         "slope": slope,
         "ratio": off,
@@ -304,20 +306,20 @@ def reversal_times(_: Made) -> Measured:
 
 # Spins in units of Bondi's threshold, and whether the steady spin should be stable
 # there.
-NEAR = ((0.1, False), (0.5, False), (1 - 1e-5, False), (1 + 1e-5, True))
-FAR = ((1.5, True), (4.0, True))
-ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)
+_NEAR = ((0.1, False), (0.5, False), (1 - 1e-5, False), (1 + 1e-5, True))
+_FAR = ((1.5, True), (4.0, True))
+_ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)
 
 
 def contradictions(
     body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ...]
-) -> Count:
-    """Count how often eigenvalues contradict Bondi's threshold, over ``ANGLES``."""
+) -> Tally:
+    """Count how often eigenvalues contradict Bondi's threshold, over ``_ANGLES``."""
     alpha, beta, gamma, theta_, phi, _ = body
     threshold = theory.bondi_threshold(alpha, beta, gamma, theta_, phi)
     exists = np.isfinite(threshold)
     wrong = []
-    for angle, (factor, stable) in product(ANGLES, spins):
+    for angle, (factor, stable) in product(_ANGLES, spins):
         constants = full.constants(alpha, beta, gamma, theta_, phi, -np.radians(angle))
         spin = np.where(exists, factor * threshold, -factor)
         growth = np.linalg.eigvals(steady.matrix(constants, spin)).real.max(axis=-1)
@@ -329,7 +331,7 @@ def bondi(_: Made) -> Measured:
     """Measure S9: Bondi's threshold and the exact steady solution."""
     bodies = drawn_bodies(0, SAMPLES), wide_bodies()
     sd_near, sd_far, near, far = (
-        contradictions(*trial) for trial in product(bodies, (NEAR, FAR))
+        contradictions(*trial) for trial in product(bodies, (_NEAR, _FAR))
     )
     spins = np.random.default_rng(2017).normal(size=2 * SAMPLES).tolist()
     both = np.concatenate([full.constants(*body) for body in bodies], axis=1)
@@ -348,6 +350,6 @@ def bondi(_: Made) -> Measured:
         "far": far,
         "moved": moved,
         "value": far.hits / far.total,
-        "angles": ", ".join(map("{:g}".format, ANGLES)),
+        "angles": ", ".join(map("{:g}".format, _ANGLES)),
         "bodies": SAMPLES,
     }

@@ -12,16 +12,16 @@ import matplotlib as mpl
 import pandas as pd
 
 from rattlesweep.analysis.report import config_yaml, embedded, render
-from rattlesweep.analysis.style import FAINT, save, save_table, styled
+from rattlesweep.analysis.style import FAINT, save_figure, save_table, styled
 from rattlesweep.api.arrays import check_names
 from rattlesweep.files import replace_file
-from rattlesweep.paper.claim import UNDECIDED, judge, read_table
-from rattlesweep.paper.workspace import FULL, Tables, Workspace, sweep_config
+from rattlesweep.paper.claim import UNDECIDED, judge, read_rows_of
+from rattlesweep.paper.workspace import FULL_SIZES, Tables, Workspace, sweep_config
 from rattlesweep.store.provenance import machine, now, versions
 
 # The name that selects the claims about formulas alone.
-THEORY = "theory"
-KINDS = ("svg", "png")
+_THEORY = "theory"
+FILE_KINDS = ("svg", "png")
 # Matplotlib's settings: ticks inward, as in the paper, and titles at a fixed height,
 # since placing them automatically takes a sixth of the drawing time.
 LOOK: Any = {
@@ -38,9 +38,9 @@ LOOK: Any = {
 VERDICTS = ("agree", "partly", "disagree", UNDECIDED)
 
 
-def choose(names: str | None) -> list[str]:
+def choose_figures(names: str | None) -> list[str]:
     """Return the requested parts, such as ``fig8,fig7``, in the paper's order."""
-    known = [*read_table("parts"), THEORY]
+    known = [*read_rows_of("parts"), _THEORY]
     if names is None:
         return known
     wanted = [name.strip() for name in names.split(",")]
@@ -54,7 +54,9 @@ def reproduce(
     begin: Callable[[str], None] = lambda title: None,
 ) -> list[dict[str, Any]]:
     """Compute and draw parts, write the report, and return the judged claims."""
-    figures = {name: row for name, row in read_table("parts").items() if name in names}
+    figures = {
+        name: row for name, row in read_rows_of("parts").items() if name in names
+    }
     directory = workspace.directory
     sizes = workspace.sizes
     tables: dict[str, Tables] = {}
@@ -66,15 +68,17 @@ def reproduce(
         tables[name] = figure["data"](workspace)
         for table, rows in tables[name].items():
             save_table(rows, directory / f"{name}_{table}.parquet")
-        paths = [directory / f"{name}.{kind}" for kind in KINDS]
+        paths = [directory / f"{name}.{kind}" for kind in FILE_KINDS]
         with styled(), mpl.rc_context(LOOK):
-            save(figure["draw"](tables[name]), paths)
+            save_figure(figure["draw"](tables[name]), paths)
         picture = embedded(*(path.read_bytes() for path in paths))
         embedded_figures.append((name, figure, list(tables[name]), picture))
         seconds[name] = f"{time.perf_counter() - start:.1f} s"
-    claims = judge(tables, theory=THEORY in names, few=sizes.samples < FULL.samples)
+    claims = judge(
+        tables, theory=_THEORY in names, few=sizes.samples < FULL_SIZES.samples
+    )
     save_table(pd.DataFrame(claims), directory / "claims.parquet")
-    verdicts = {"claims": claims, "tally": tally(claims), "quick": sizes != FULL}
+    verdicts = {"claims": claims, "tally": tally(claims), "quick": sizes != FULL_SIZES}
     page = render("claims.md.j2", version=version("rattlesweep"), **verdicts)
     replace_file(directory / "claims.md", page)
     sections = {"claims": "Claims"}
@@ -108,7 +112,7 @@ def tally(claims: Sequence[dict[str, Any]]) -> str:
     )
 
 
-def closing_table(claims: Sequence[dict[str, Any]]) -> str:
+def verdict_table(claims: Sequence[dict[str, Any]]) -> str:
     """Return the claims and the measurements as text for a terminal."""
     lines = []
     for claim in claims:

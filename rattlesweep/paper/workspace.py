@@ -21,6 +21,7 @@ from rattlesweep.physics.body import Rattleback
 Tables = Mapping[str, pd.DataFrame]
 Made = Mapping[str, Tables]
 
+OMEGA_XY0 = 0.01  # of all launches of the figures of runs
 LAUNCH = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0", "psi"]
 
 
@@ -38,8 +39,8 @@ class Sizes:
     exponents_t_end: float = 1_000_000.0  # of the runs of Fig. 9
 
 
-FULL = Sizes()
-QUICK = Sizes(
+FULL_SIZES = Sizes()
+QUICK_SIZES = Sizes(
     fig3_bodies=50_000,
     fig4_density=2_000_000,
     samples=30,
@@ -52,7 +53,9 @@ QUICK = Sizes(
 class Workspace:
     """An output directory whose sweeps resume; the rest is computed each time."""
 
-    def __init__(self, directory: Path, sizes: Sizes = FULL, **settings: Any) -> None:
+    def __init__(
+        self, directory: Path, sizes: Sizes = FULL_SIZES, **settings: Any
+    ) -> None:
         """Create or open the directory, with `threads` and `progress` of its sweeps."""
         probe_directory(directory)
         self.directory = directory
@@ -100,7 +103,7 @@ def sweep_config(name: str, sizes: Sizes) -> dict[str, Any]:
     return config
 
 
-def follow(
+def follow_run(
     body: Rattleback, *channels: str, dt: float = 0.05, **launch: Any
 ) -> Trajectory:
     """Integrate one run past its reversals; raise OutputError if it fails."""

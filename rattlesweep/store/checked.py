@@ -18,7 +18,7 @@ class Checked(BaseModel):
 T = TypeVar("T", bound=Checked)
 
 
-def load(declared: type[T], data: bytes) -> dict[str, Any]:
+def load_checked(declared: type[T], data: bytes) -> dict[str, Any]:
     """Return the values of a file, or raise a ValueError that says what is wrong."""
     try:
         values = declared.model_validate_json(data)

@@ -18,8 +18,8 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.design.cases import Design
 from rattlesweep.design.config.schema import GridSource, Stop
 from rattlesweep.errors import ConfigError
-from rattlesweep.store.rows import FAILED, MISSING, Found, Stored
-from rattlesweep.store.types import TYPES, R, wilson
+from rattlesweep.store.rows import CODE_FAILED, CODE_MISSING, Found, Stored
+from rattlesweep.store.types import CODE_R, TYPES, wilson
 from rattlesweep.tails import LEAST_INDEX, median_error, tail_index
 from rattlesweep.units import Setting
 
@@ -53,7 +53,7 @@ def _wanted_samples(stop: Stop, rows: Found) -> Flags:
         end = max(FIRST_WAVE, first + math.ceil(NEXT_WAVE * first))
         end = min(end, samples)
         wanted[active, first:end] = True
-        if (rows.code[active, first:end] == MISSING).any():
+        if (rows.code[active, first:end] == CODE_MISSING).any():
             break
         active = active[~_is_precise(stop, rows, active, end)]
     return wanted
@@ -64,18 +64,18 @@ def _is_precise(stop: Stop, rows: Found, cases: Integers, samples: int) -> Flags
     code = rows.code[cases, :samples]
     precise = np.ones(len(cases), bool)
     if stop.fraction is not None:
-        typed_runs = (code < FAILED).sum(axis=1)
+        typed_runs = (code < CODE_FAILED).sum(axis=1)
         for number in range(len(TYPES)):
             low, high = wilson((code == number).sum(axis=1), typed_runs, Z)
             precise &= (high - low) / 2 <= stop.fraction
     if stop.t_r is not None:
-        times = np.ma.masked_where(code != R, rows.value[cases, :samples])
+        times = np.ma.masked_where(code != CODE_R, rows.value[cases, :samples])
         error = times.std(axis=1, ddof=1) / np.sqrt(times.count(axis=1))
         # Without two reversals there is no error, so the case goes on.
         precise &= (error * Z <= stop.t_r * times.mean(axis=1)).filled(False)
     if stop.watches_times:
         for place in np.flatnonzero(precise):
-            is_reversal = code[place] == R
+            is_reversal = code[place] == CODE_R
             times_of_case = rows.value[cases[place], :samples][is_reversal]
             precise[place] = _has_precise_times(stop, times_of_case)
     return precise
@@ -148,14 +148,14 @@ class Refining:
         compared = code
         if self._by_regime:
             regime = self.grid(rows.value)
-            compared = np.where(regime >= 0, regime, FAILED).astype(np.int8)
+            compared = np.where(regime >= 0, regime, CODE_FAILED).astype(np.int8)
         wanted = np.zeros(self.shape, dtype=bool)
         wanted[np.ix_(*map(ticks_of, self.shape, self.strides))] = True
         # Each turn of the loop is a wave, as far as all runs of those before are there.
-        while not (code[wanted] == MISSING).any():
+        while not (code[wanted] == CODE_MISSING).any():
             before = wanted.copy()
             # Rows beyond this wave must not count.
-            wave_code = np.where(before, compared, np.int8(MISSING))
+            wave_code = np.where(before, compared, np.int8(CODE_MISSING))
             wave_value = None
             if rows.column and not self._by_regime:
                 wave_value = np.where(before, self.grid(rows.value), np.nan)
@@ -178,8 +178,8 @@ class Refining:
         corners = np.ix_(*ticks)
         # By cell: largest and smallest type, and whether all corners have a row.
         largest: Array = code
-        smallest: Array = np.where(code != MISSING, code, np.int8(127))
-        is_known: Array = code[corners] != MISSING
+        smallest: Array = np.where(code != CODE_MISSING, code, np.int8(127))
+        is_known: Array = code[corners] != CODE_MISSING
         for axis in self._refined:
             largest = _over(np.maximum, largest, ticks[axis], axis)
             smallest = _over(np.minimum, smallest, ticks[axis], axis)

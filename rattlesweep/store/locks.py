@@ -15,12 +15,20 @@ from pathlib import Path
 from rattlesweep.errors import OutputError, printable
 from rattlesweep.files import explained, kept_in_place, remove_unfinished
 from rattlesweep.lockfile import LockFile, is_held
-from rattlesweep.store.sessions import SESSIONS, WHOLE, read_sessions, unfinished, who
+from rattlesweep.store.sessions import (
+    SESSIONS,
+    WHOLE_SWEEP,
+    read_sessions,
+    unfinished,
+    who,
+)
 
 LOCKS = ".locks"
 MANIFEST_LOCK = "manifest"
-NAMES = re.compile(rf"{WHOLE}|shard-\d+-of-\d+")  # of locks, without the manifest's
-PATIENCE = 0.5  # seconds to wait for a lock, which a reader may hold for a moment
+NAMES = re.compile(
+    rf"{WHOLE_SWEEP}|shard-\d+-of-\d+"
+)  # of locks, without the manifest's
+_PATIENCE = 0.5  # seconds to wait for a lock, which a reader may hold for a moment
 # Seconds for which one process may hold the manifest until others say so, and give up.
 WORD_AFTER = 5.0
 GIVE_UP_AFTER = 120.0
@@ -33,10 +41,10 @@ def hold(directory: Path, shard: str | None = None) -> Iterator[Callable[[], Non
     The body gets a function to call before it writes. It raises an OutputError if
     another process has taken this one for dead.
     """
-    mine = shard or WHOLE
+    mine = shard or WHOLE_SWEEP
     # First take the lock, then look for others: of two that begin at once at most one
     # goes on.
-    with _taken(directory, mine, PATIENCE) as lock:
+    with _taken(directory, mine, _PATIENCE) as lock:
         busy = [mine]
         if lock is not None:
             busy = []
@@ -49,7 +57,9 @@ def hold(directory: Path, shard: str | None = None) -> Iterator[Callable[[], Non
                     break
                 other.release()
         if busy:
-            what = f"{directory}" if busy[0] == WHOLE else f"{directory}: {busy[0]}"
+            what = (
+                f"{directory}" if busy[0] == WHOLE_SWEEP else f"{directory}: {busy[0]}"
+            )
             raise OutputError(f"{what} is in use by {_user(directory, busy[0])}")
         assert lock is not None
         if shard is None:  # otherwise other shards may be writing
@@ -144,10 +154,10 @@ def at_work(
 
     Only names for which `others` is true are looked at.
     """
-    return [name for name, held in probe(directory, others).items() if held]
+    return [name for name, held in probe_locks(directory, others).items() if held]
 
 
-def probe(
+def probe_locks(
     directory: Path, others: Callable[[str], bool] = lambda name: True
 ) -> dict[str, bool | None]:
     """Return by the names of locks whether they are held, None where none can tell.

@@ -32,12 +32,14 @@ def stored_plan(stored: Stored) -> Plan:
     if path is not None and (stored.directory / path).exists():
         base = stored.directory  # a directory may have been moved with its table
     plan = replace(make_plan(stored.config, Path(base)), cases=stored.cases)
-    check_same(stored, describe(plan, stored.directory))
+    check_same(stored, _describe(plan, stored.directory))
     config = plan.config.model_copy(update={"classify": stored.thresholds})
     return replace(plan, config=config)
 
 
-def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
+def begin_sweep(
+    plan: Plan, directory: Path, base: Path | None, shard: str | None
+) -> Stored:
     """Begin or grow the sweep of a plan in a directory that this process holds."""
     with explained(f"cannot write in {directory}"):
         (directory / FOLDER).mkdir(exist_ok=True)
@@ -64,7 +66,7 @@ def examine(
     plan: Plan, directory: Path, base: Path | None = None
 ) -> tuple[Stored | None, Stored]:
     """Return the sweep in a directory, None without one, and what it must grow into."""
-    wanted = describe(plan, directory, base)
+    wanted = _describe(plan, directory, base)
     if not (directory / MANIFEST).exists():
         check_empty(directory)
         wanted.find()  # there are rows if a manifest was lost
@@ -86,10 +88,10 @@ def examine(
     for case in plan.cases:
         if case not in known:
             cases.append(replace(case, index=len(cases)))
-    return stored, describe(replace(plan, cases=tuple(cases)), directory, base)
+    return stored, _describe(replace(plan, cases=tuple(cases)), directory, base)
 
 
-def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
+def _describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
     """Return the sweep of a plan as a directory would hold it; nothing is written."""
     table_hash = getattr(plan.source, "content_hash", "")
     text = f"{physics_hash(plan.config)} {table_hash}"

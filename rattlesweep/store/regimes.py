@@ -26,7 +26,7 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.names import REGIMES
 from rattlesweep.store.types import LEAST_GROWTH
 
-STEADY, PERIODIC, QUASIPERIODIC, ATTRACTOR, CONSERVATIVE, UNDECIDED = range(
+_STEADY, PERIODIC, QUASIPERIODIC, ATTRACTOR, CONSERVATIVE, _UNDECIDED = range(
     len(REGIMES)
 )
 # Largest ratio of the sum of the exponents to the largest one in chaos of conservative
@@ -87,12 +87,12 @@ def regime_codes(third: Floats, last: Floats) -> Integers:
         -1: np.isnan(grown).any(axis=1),
         ATTRACTOR: is_chaotic & shrinks,
         CONSERVATIVE: is_chaotic & keeps,
-        UNDECIDED: may_be_chaotic | ~is_known,
-        STEADY: zeros == 0,
+        _UNDECIDED: may_be_chaotic | ~is_known,
+        _STEADY: zeros == 0,
         PERIODIC: zeros == 1,
         QUASIPERIODIC: (zeros == third.shape[1]) & keeps_all,
     }
-    return np.select([*cases.values()], [*cases], UNDECIDED)
+    return np.select([*cases.values()], [*cases], _UNDECIDED)
 
 
 def _volume(third: Floats, last: Floats) -> tuple[Flags, Flags]:

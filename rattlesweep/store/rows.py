@@ -51,7 +51,7 @@ from rattlesweep.files import (
     replace_file,
 )
 from rattlesweep.names import REGIMES
-from rattlesweep.store.checked import Checked, load
+from rattlesweep.store.checked import Checked, load_checked
 from rattlesweep.store.parquet import read_parquet, write_parquet
 from rattlesweep.store.types import TYPES, codes
 
@@ -68,12 +68,12 @@ CASES = "rattlesweep.cases"
 # Of a file in `merging`: names and checksums of the files that it stands for, as JSON.
 REPLACES = "rattlesweep.replaces"
 KEY = ("case", "sample")
-MISSING = -1  # code of a run that is not stored
-FAILED = len(TYPES)  # code of a stored run without a type
+CODE_MISSING = -1  # code of a run that is not stored
+CODE_FAILED = len(TYPES)  # code of a stored run without a type
 BATCH_ROWS = 1 << 18  # rows sorted at a time
 # Rows, and bytes in memory, that no file of this program has.
-MOST_ROWS = 1 << 22
-MOST_BYTES = 1 << 30
+_MOST_ROWS = 1 << 22
+_MOST_BYTES = 1 << 30
 LOOKS = 100  # at files that others replace meanwhile
 TWICE = "holds runs that are stored twice"
 T = TypeVar("T")
@@ -85,7 +85,7 @@ def open_stored(directory: Path | str) -> Stored:
     directory = Path(directory)
     path = directory / MANIFEST
     try:
-        return _load(directory, load(Manifest, read_regular(path)))
+        return _load(directory, load_checked(Manifest, read_regular(path)))
     except (FileNotFoundError, NotADirectoryError):
         what = "there is no such directory"
         if directory.is_dir():
@@ -314,7 +314,7 @@ class Stored(Design):
             fault = self._fault(rows)
             if fault is not None:
                 raise _useless(path, fault)
-            is_new = found.code[keys_of(rows)] == MISSING
+            is_new = found.code[keys_of(rows)] == CODE_MISSING
             added = rows
             if not is_new.all():
                 again(path, rows.filter(~is_new))
@@ -331,7 +331,7 @@ class Stored(Design):
         rows = footer.num_rows
         groups = map(footer.row_group, range(footer.num_row_groups))
         size = sum(group.total_byte_size for group in groups)
-        most = min(self.runs, MOST_ROWS)
+        most = min(self.runs, _MOST_ROWS)
         fault = None
         if labels_of(schema).get(SWEEP) != self.hash:
             fault = "holds runs of another sweep"
@@ -341,7 +341,7 @@ class Stored(Design):
             fault = "holds no runs"
         elif rows > most:
             fault = f"holds {rows:,} runs, more than the {most:,} that are possible"
-        elif size > MOST_BYTES:
+        elif size > _MOST_BYTES:
             fault = f"would take {size / 1e9:.1f} GB of memory"
         if fault is not None:
             raise _useless(path, fault)
@@ -504,8 +504,8 @@ class Found:
     """What the files of a directory contain, and the rows that a session adds."""
 
     def __init__(self, shape: tuple[int, int], column: str | None = None) -> None:
-        # Of each run, its index in TYPES, or FAILED or MISSING.
-        self.code = np.full(shape, MISSING, np.int8)
+        # Of each run, its index in TYPES, or CODE_FAILED or CODE_MISSING.
+        self.code = np.full(shape, CODE_MISSING, np.int8)
         # Of each run, the value of the column that decides what runs are wanted; of
         # `regime`, its index.
         self.value = np.full(shape if column else (0, 0), np.nan)
@@ -517,7 +517,7 @@ class Found:
     @property
     def done(self) -> Flags:
         """Runs that are stored; shape (cases, samples)."""
-        return np.asarray(self.code != MISSING)
+        return np.asarray(self.code != CODE_MISSING)
 
     @property
     def rows(self) -> int:
@@ -534,7 +534,7 @@ class Found:
         """Add rows."""
         keys = keys_of(rows)
         kind = codes(rows.column("type"))
-        self.code[keys] = np.where(kind < 0, FAILED, kind)
+        self.code[keys] = np.where(kind < 0, CODE_FAILED, kind)
         if self.column in rows.schema.names:
             column = rows.column(self.column)
             if pa.types.is_string(column.type):

@@ -18,14 +18,14 @@ from pydantic import Field
 
 from rattlesweep.errors import OutputError
 from rattlesweep.files import read_regular, replace_file
-from rattlesweep.store.checked import Checked, load
+from rattlesweep.store.checked import Checked, load_checked
 from rattlesweep.store.provenance import command_line, machine, now
 
 SESSIONS = "sessions"
-WHOLE = "whole"  # name of the lock of a process that works on all shards
-MOST_BYTES = 1 << 20  # of a record
+WHOLE_SWEEP = "whole"  # name of the lock of a process that works on all shards
+_MOST_BYTES = 1 << 20  # of a record
 Session = dict[str, Any]
-Count = Annotated[int, Field(ge=0, lt=1 << 53)]
+_Count = Annotated[int, Field(ge=0, lt=1 << 53)]
 
 
 class Record(Checked):
@@ -37,10 +37,10 @@ class Record(Checked):
     shard: str | None = None  # such as shard-0-of-4
     command: str | None = None
     host: str | None = None
-    pid: Count | None = None
-    threads: Count | None = None
-    machine: dict[str, str | Count] | None = None
-    runs: Count | None = None  # that it has done
+    pid: _Count | None = None
+    threads: _Count | None = None
+    machine: dict[str, str | _Count] | None = None
+    runs: _Count | None = None  # that it has done
     seconds: float | None = None
     kernel_seconds: float | None = None
 
@@ -84,7 +84,7 @@ def read_sessions(directory: Path) -> list[Session]:
     sessions = []
     for path in sorted((directory / SESSIONS).glob("*.json")):
         with contextlib.suppress(OSError, ValueError):
-            sessions.append(load(Record, read_regular(path, MOST_BYTES)))
+            sessions.append(load_checked(Record, read_regular(path, _MOST_BYTES)))
     return sessions
 
 
@@ -92,7 +92,7 @@ def unfinished(sessions: list[Session]) -> dict[str, Session]:
     """Return, by their locks, the last sessions that run or were killed."""
     running = [session for session in sessions if session["how"] == "running"]
     # Of several with one lock, the last one stays.
-    return {session["shard"] or WHOLE: session for session in running}
+    return {session["shard"] or WHOLE_SWEEP: session for session in running}
 
 
 def who(session: Session) -> str:

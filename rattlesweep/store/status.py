@@ -9,14 +9,14 @@ from typing import Any
 
 from rattlesweep.errors import DamagedError, as_lines
 from rattlesweep.store.decide import wanted_runs
-from rattlesweep.store.locks import is_readable, probe
+from rattlesweep.store.locks import is_readable, probe_locks
 from rattlesweep.store.rows import IS_DAMAGED, open_stored
 from rattlesweep.store.sessions import read_sessions, unfinished, who
 from rattlesweep.text import counted
 
 
 @dataclass(frozen=True)
-class Status:
+class SweepStatus:
     """Progress of a sweep; :func:`status` defines the keys of `data`."""
 
     title: str
@@ -69,7 +69,7 @@ def _size(path: Path) -> int:
         return 0
 
 
-def status(directory: Path) -> Status:
+def status(directory: Path) -> SweepStatus:
     """Count the rows of an output directory, and list the sessions at work there."""
     stored = open_stored(directory)
     on_disk = stored.find()
@@ -77,7 +77,7 @@ def status(directory: Path) -> Status:
         raise DamagedError(IS_DAMAGED.format(on_disk.damaged[0]))
     files = stored.files()
     sessions = read_sessions(directory)
-    locks = probe(directory)
+    locks = probe_locks(directory)
     can_tell = is_readable(directory)
     working = []
     unknown = []
@@ -100,4 +100,4 @@ def status(directory: Path) -> Status:
         "unknown": unknown,
         "last": idle[-1] if idle else None,
     }
-    return Status(f"{stored.manifest['name']} in {directory}", data)
+    return SweepStatus(f"{stored.manifest['name']} in {directory}", data)

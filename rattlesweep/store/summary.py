@@ -20,12 +20,12 @@ from rattlesweep.design.columns import F64, I32, I64, Values
 from rattlesweep.errors import OutputError
 from rattlesweep.names import REGIMES
 from rattlesweep.physics.theory import unsteady
-from rattlesweep.quantities import COUPLES, LOSSES, MEASURES, RATE, TIME
+from rattlesweep.quantities import COUPLE_CONSTANTS, LOSSES, MEASURES, RATE, TIME
 from rattlesweep.store.decide import nearest_rows
 from rattlesweep.store.parquet import read_parquet, write_parquet
 from rattlesweep.store.rows import SUMMARY, Stored
 from rattlesweep.store.skipped import estimate
-from rattlesweep.store.types import DEAD, TYPES, R, codes, share
+from rattlesweep.store.types import CODE_DEAD, CODE_R, TYPES, codes, share
 from rattlesweep.tails import LEAST_INDEX, tail_index
 from rattlesweep.text import align
 
@@ -57,7 +57,7 @@ SI: dict[str, tuple[str, float]] = {
     if definition.name in VARIES
 }
 # Shares of runs that need a coefficient of friction above these.
-FRICTION = {
+_FRICTION = {
     f"share_friction_above_{friction:g}".replace(".", "_"): friction
     for friction in (0.1, 0.2, 0.3, 0.5, 0.6)
 }
@@ -171,7 +171,9 @@ class Counts(dict[str, Integers]):
     def types(self) -> dict[str, Integers]:
         """Runs by type; D only with dissipation."""
         return {
-            name: self[name] for name in TYPES if name != TYPES[DEAD] or name in self
+            name: self[name]
+            for name in TYPES
+            if name != TYPES[CODE_DEAD] or name in self
         }
 
     def add(self, rows: pa.Table, cell: Integers) -> None:
@@ -205,8 +207,8 @@ def _numbers(
     """Return what :class:`Counts` adds up, by run."""
     n_i = columns["n_i"]
     is_steady = np.isfinite(columns["omega_p"]) & ~unsteady(columns["K_p"], n_i)
-    types = TYPES[:DEAD]
-    for name in COUPLES & columns.keys():
+    types = TYPES[:CODE_DEAD]
+    for name in COUPLE_CONSTANTS & columns.keys():
         types = TYPES
         is_steady &= columns[name] == 0
     numbers: dict[str, Flags | Integers] = {
@@ -221,10 +223,10 @@ def _numbers(
         numbers[name] = is_ok & (type_codes == code)
     if "t_r_error" in columns:
         is_sensitive = columns["t_r_error"] > SENSITIVE * columns["t_r"]
-        numbers["sensitive"] = is_ok & (type_codes == R) & is_sensitive
+        numbers["sensitive"] = is_ok & (type_codes == CODE_R) & is_sensitive
         numbers["unsure"] = (type_codes >= 0) & (columns["type_sure"] == 0)
     if "contact_ratio_max" in columns:
-        for name, friction in FRICTION.items():
+        for name, friction in _FRICTION.items():
             numbers[name] = is_ok & (columns["contact_ratio_max"] > friction)
         numbers["share_lift_off"] = is_ok & (columns["contact_normal_min"] < 0)
     if "t_slide" in columns:
@@ -240,7 +242,7 @@ def _averaged(
     for name in ("t_r", "t_r_error", "t_r_s"):
         if name in columns:
             averaged[name] = columns[name]
-    reverses = is_ok & (type_codes == R)
+    reverses = is_ok & (type_codes == CODE_R)
     for name, values in averaged.items():
         averaged[name] = np.where(reverses, values, np.nan)
     for name in ("t_rgh", "n_i_rpm"):
@@ -331,11 +333,11 @@ class Sample:
 
 def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     """Return the summary of cases whose runs are counted."""
-    columns = {column.name: column.value(cases, counts) for column in COLUMNS}
+    columns = {column.name: column.value(cases, counts) for column in _COLUMNS}
     return tables.build_table(columns, SCHEMA)
 
 
-Value = Callable[[Sequence[Case], Counts], Values]
+_Value = Callable[[Sequence[Case], Counts], Values]
 
 
 @dataclass(frozen=True)
@@ -344,7 +346,7 @@ class SummaryColumn:
 
     name: str
     type: pa.DataType
-    value: Value
+    value: _Value
     unit: str
     meaning: str
     nullable: bool = True
@@ -357,7 +359,7 @@ class SummaryColumn:
         )
 
 
-def _target(name: str) -> Value:
+def _target(name: str) -> _Value:
     """Return the target of a coefficient, where the case has one."""
 
     def value(cases: Sequence[Case], counts: Counts) -> Floats:
@@ -367,12 +369,12 @@ def _target(name: str) -> Value:
     return value
 
 
-def _held(name: str) -> Value:
+def _held(name: str) -> _Value:
     """Return a launch or loss in units of the bodies, NaN where it is in SI units."""
     return lambda cases, counts: np.array([case.value(name) for case in cases], float)
 
 
-def _held_in_si(name: str) -> Value:
+def _held_in_si(name: str) -> _Value:
     """Return a launch or loss in SI units, NaN where it is in units of the bodies."""
     return lambda cases, counts: _in_si(cases, name)
 
@@ -387,7 +389,7 @@ def _in_si(cases: Sequence[Case], name: str) -> Floats:
     return np.array([case.setting(name).si for case in cases], float) / SI[name][1]
 
 
-def _number(name: str) -> Value:
+def _number(name: str) -> _Value:
     """Return a number of runs, null if nothing of the kind is counted."""
 
     def value(cases: Sequence[Case], counts: Counts) -> Values:
@@ -398,7 +400,7 @@ def _number(name: str) -> Value:
     return value
 
 
-def _share(name: str, whole: str = "ok") -> Value:
+def _share(name: str, whole: str = "ok") -> _Value:
     """Return a share of runs, null if nothing of the kind is counted."""
 
     def value(cases: Sequence[Case], counts: Counts) -> Values:
@@ -409,7 +411,7 @@ def _share(name: str, whole: str = "ok") -> Value:
     return value
 
 
-def _of_times(function: Callable[[Floats], float]) -> Value:
+def _of_times(function: Callable[[Floats], float]) -> _Value:
     """Return a function of the reversal times, null where they were not kept."""
 
     def value(cases: Sequence[Case], counts: Counts) -> Values:
@@ -425,12 +427,12 @@ def _median(values: Floats) -> float:
 
 
 ALWAYS_COUNTED = ("runs", "failed", "near_tangencies")
-must = partial(SummaryColumn, nullable=False)
+_must = partial(SummaryColumn, nullable=False)
 
 # The columns of `summary` in order; fractions are of the runs with status ok. What
 # differs between the rows of a case is null.
-COLUMNS = (
-    must(
+_COLUMNS = (
+    _must(
         "case",
         I32,
         lambda cases, counts: np.arange(len(cases)),
@@ -453,7 +455,7 @@ COLUMNS = (
         RATE,
         "initial oscillation",
     ),
-    must(
+    _must(
         "runs",
         I64,
         _number("runs"),
@@ -546,14 +548,14 @@ COLUMNS = (
         "1",
         "standard error of this mean",
     ),
-    must(
+    _must(
         "failed",
         I64,
         _number("failed"),
         "1",
         "number of runs with a status other than ok",
     ),
-    must(
+    _must(
         "near_tangencies",
         I64,
         _number("near_tangencies"),
@@ -624,7 +626,7 @@ COLUMNS = (
             "1",
             f"fraction that needs friction > {friction} to roll, by contact_ratio_max",
         )
-        for name, friction in FRICTION.items()
+        for name, friction in _FRICTION.items()
     ),
     SummaryColumn(
         "share_lift_off",
@@ -642,7 +644,7 @@ COLUMNS = (
         "fraction that slides",
     ),
 )
-SCHEMA = pa.schema([column.field for column in COLUMNS])
+SCHEMA = pa.schema([column.field for column in _COLUMNS])
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from rattlesweep.design.columns import floats
 from rattlesweep.design.config.schema import Classify
 
 TYPES = ("R", "SS", "SW", "unclassified", "D")
-R, SS, SW, UNCLASSIFIED, DEAD = range(5)
+CODE_R, CODE_SS, CODE_SW, CODE_UNCLASSIFIED, CODE_DEAD = range(5)
 LEAST_GROWTH = 10.0  # logarithm of the growth that chaos exceeds; see docs/dynamics.md
 Z95 = 1.959963984540054  # quantile of the normal distribution for two-sided 95 %
 
@@ -41,12 +41,12 @@ def classify(
     # The first condition that holds decides.
     cases = {
         -1: ~ok,
-        R: np.isfinite(t_r),
-        DEAD: is_dead,
-        SS: amp_growth <= thresholds.ss_growth,
-        SW: n_departure > thresholds.sw_departure,
+        CODE_R: np.isfinite(t_r),
+        CODE_DEAD: is_dead,
+        CODE_SS: amp_growth <= thresholds.ss_growth,
+        CODE_SW: n_departure > thresholds.sw_departure,
     }
-    codes = np.select([*cases.values()], [*cases], UNCLASSIFIED)
+    codes = np.select([*cases.values()], [*cases], CODE_UNCLASSIFIED)
     return codes.astype(np.int8)
 
 
@@ -72,10 +72,10 @@ def sure_types(
     departure_sure = np.abs(departure - thresholds.sw_departure) > departure_error
     # A spin that comes within its error of zero may cross it.
     stays_off_zero = 1.0 - departure > departure_error
-    spins_on = stays_off_zero & growth_sure & ((codes == SS) | departure_sure)
+    spins_on = stays_off_zero & growth_sure & ((codes == CODE_SS) | departure_sure)
     # D is sure if its reversal is: the energy that is left hardly depends on errors of
     # the phase.
-    by_reversal = (codes == R) | (codes == DEAD)
+    by_reversal = (codes == CODE_R) | (codes == CODE_DEAD)
     return np.where(by_reversal, reversal_sure, spins_on) & (codes >= 0)
 
 

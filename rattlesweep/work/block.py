@@ -217,7 +217,7 @@ def closed_form(launches: Launches) -> ClosedForm:
     )
 
 
-class State(NamedTuple):
+class InitialStates(NamedTuple):
     """Components of full initial states along the bodies' axes."""
 
     omega_x: Floats
@@ -358,11 +358,11 @@ class Results:
     # ---------------------------------------------------- launches and SI units
 
     @cached_property
-    def state(self) -> State:
+    def state(self) -> InitialStates:
         """Full initial states."""
         assert self.bodies.omega is not None
         assert self.bodies.u is not None
-        return State(*self.bodies.omega.T, *self.bodies.u.T)
+        return InitialStates(*self.bodies.omega.T, *self.bodies.u.T)
 
     @property
     def _second(self) -> Floats:

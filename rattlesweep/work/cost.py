@@ -11,8 +11,8 @@ from rattlesweep.design.plan import Plan, make_plan
 
 RUNS_PER_CASE = 16  # sampled for the expected cost of a case
 RUNS_ALONE = 256  # the same for the only case
-MOST_CASES = 2_000  # cases whose cost is computed; it is interpolated between them
-SEED = 20170427
+_MOST_CASES = 2_000  # cases whose cost is computed; it is interpolated between them
+_SEED = 20170427
 
 
 def expected_cost(launches: Launches, model: str) -> Floats:
@@ -37,7 +37,7 @@ def sample_keys(
     count = min(plan.samples, per_case)
     chosen = np.arange(count)  # the first of random bodies are as good as any
     if not isinstance(bodies, SdSource):
-        random = np.random.default_rng(SEED)
+        random = np.random.default_rng(_SEED)
         some = random.choice(plan.samples, count, replace=False, shuffle=False)
         chosen = np.sort(some)
     elif bodies.target is not None:
@@ -57,7 +57,7 @@ def case_costs(plan: Plan) -> Floats:
     count = len(plan.cases)
     if plan.config.model == "gh":
         return np.ones(count)
-    cases = some_cases(count, MOST_CASES)
+    cases = some_cases(count, _MOST_CASES)
     per_case = RUNS_PER_CASE if count > 1 else RUNS_ALONE
     launches = prepare(*sample_keys(plan, per_case, cases))
     cost = expected_cost(launches, plan.config.model).reshape(len(cases), -1)

@@ -54,7 +54,7 @@ LOGGERS = (
 )
 
 
-class Order(TypedDict):
+class BlockOrder(TypedDict):
     """What all blocks of a sweep have in common."""
 
     versions: dict[str, str]  # of the driver
@@ -79,7 +79,7 @@ def make_engine(scheduler: str | None, threads: int | None = None) -> Engine:
             pass  # so that an address is refused before the output directory is created
 
     def engine(job: Job, blocks: Iterator[Keys]) -> None:
-        cluster = embedded(security, threads or 2)
+        cluster = _embedded(security, threads or 2)
         if scheduler is not None:
             cluster = connected(scheduler)
         with cluster as client:
@@ -139,7 +139,7 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 @contextmanager
-def embedded(security: Security | None, threads: int) -> Iterator[Client]:
+def _embedded(security: Security | None, threads: int) -> Iterator[Client]:
     """Start workers with `threads` threads each on this machine, protected by TLS."""
     import dask
     from distributed import Client, LocalCluster
@@ -183,7 +183,7 @@ class Driver:
         self._workers: dict[str, int] = {}  # threads by address
         self._refresh = 0.0  # time of the next list of workers
         self._seen = time.monotonic()  # time when there was a worker
-        order: Order = {
+        order: BlockOrder = {
             "versions": versions(),
             "sources": program_hash(),
             "threads": threads,
@@ -278,7 +278,9 @@ def _unpack(plan: bytes) -> Plan:
     return unpacked
 
 
-def do_block(order: Order, case: Integers, sample: Integers) -> tuple[pa.Table, float]:
+def do_block(
+    order: BlockOrder, case: Integers, sample: Integers
+) -> tuple[pa.Table, float]:
     """Compute a block on a worker; return its rows, and the seconds of the kernel."""
     from distributed import Status, get_worker
 
@@ -316,7 +318,7 @@ def do_block(order: Order, case: Integers, sample: Integers) -> tuple[pa.Table, 
         raise OutputError(f"{where}: {one_line(problem, 500)}") from None
 
 
-def _check_same_program(order: Order) -> None:
+def _check_same_program(order: BlockOrder) -> None:
     """Raise an OutputError if results would differ from those of the driver."""
     worker = versions()
     driver = order["versions"]

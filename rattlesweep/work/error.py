@@ -58,7 +58,7 @@ from rattlesweep.integrate.task import Control
 from rattlesweep.physics import full
 
 
-class Fit(NamedTuple):
+class ErrorFit(NamedTuple):
     """Constants of the estimate."""
 
     floor: float = 0.5
@@ -70,24 +70,24 @@ class Fit(NamedTuple):
 
 
 FITS = {
-    "dop853": Fit(),
-    "dopri5": Fit(),
-    "verner98": Fit(floor=0.2),
-    "rk4": Fit(floor=0.0, share=0.003),
+    "dop853": ErrorFit(),
+    "dopri5": ErrorFit(),
+    "verner98": ErrorFit(floor=0.2),
+    "rk4": ErrorFit(floor=0.0, share=0.003),
 }
 """Constants by method; a method without them has no estimate."""
 # Constants by surface and by law of friction, None for those of the method; those of a
 # law count before those of a surface.  Others have no estimate.
-SURFACES: dict[str, Fit | None] = {
+SURFACE_FITS: dict[str, ErrorFit | None] = {
     "paraboloid": None,
     # Its large swings are harder to integrate.
-    "ellipsoid": Fit(slope=20.0, share=0.002),
+    "ellipsoid": ErrorFit(slope=20.0, share=0.002),
 }
-LAWS: dict[str, Fit | None] = {
+LAW_FITS: dict[str, ErrorFit | None] = {
     "viscous": None,
     # Kinks lower the order of all methods, so a companion must be nearly as accurate as
     # the run.
-    "rolling": Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0),
+    "rolling": ErrorFit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0),
 }
 
 LEAST_LOOSER = 10.0  # smallest ratio of the companion's tolerance to the run's
@@ -566,7 +566,7 @@ def _with_turns(
     )
 
 
-def fit_of(config: Config) -> Fit:
+def fit_of(config: Config) -> ErrorFit:
     """Return the constants of a sweep; ConfigError for a method that has none."""
     method = config.integrator.method
     if method not in FITS:
@@ -576,11 +576,11 @@ def fit_of(config: Config) -> Fit:
         )
     surface = config.bodies.bottom
     law = config.dissipation.law
-    for name, known in ((surface, SURFACES), (law, LAWS)):
+    for name, known in ((surface, SURFACE_FITS), (law, LAW_FITS)):
         if name is not None and name not in known:
             raise ConfigError(
                 f"record: errors are not calibrated for {name}; leave out error and "
                 "accuracy"
             )
-    of_law = None if law is None else LAWS[law]
-    return of_law or SURFACES[surface] or FITS[method]
+    of_law = None if law is None else LAW_FITS[law]
+    return of_law or SURFACE_FITS[surface] or FITS[method]

@@ -17,20 +17,20 @@ from rattlesweep.text import clock, counted
 from rattlesweep.work.block import compute, load_kernel
 from rattlesweep.work.cost import expected_cost, sample_keys, some_cases
 
-SEED = 20170427
+_SEED = 20170427
 EXPECTED = 20_000  # runs whose cost is expected from theory
 MOST_AIMED = 400  # samples of a case among them, if bodies meet a target by many draws
 # Runs of a first pilot, which sets the size of the second one, and the largest number
 # of steps of each.
-FIRST = 128
-FIRST_STEPS = 20_000
-LEAST = 256  # bounds for the number of runs of the second pilot
-MOST = 8_192
+_FIRST = 128
+_FIRST_STEPS = 20_000
+_LEAST = 256  # bounds for the number of runs of the second pilot
+_MOST = 8_192
 # The same work takes more or less time from one minute to the next, by these factors.
 FASTER = 0.8
 SLOWER = 1.35
 LEAST_SHARE = 0.3  # of the processors, below which a forecast does not go
-SIZES = ("B", "kB", "MB", "GB", "TB")
+_SIZES = ("B", "kB", "MB", "GB", "TB")
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Forecast:
     def words(self) -> str:
         """The forecast as a line of text."""
         most = "at most " if self.decides else "about "
-        power = min(len(SIZES) - 1, int(np.log10(max(self.bytes, 1)) // 3))
-        size = f"{self.bytes / 1000**power:.3g} {SIZES[power]}"
+        power = min(len(_SIZES) - 1, int(np.log10(max(self.bytes, 1)) // 3))
+        size = f"{self.bytes / 1000**power:.3g} {_SIZES[power]}"
         text = (
             f"{self.runs:,} runs: {most}{_time(self.seconds)} with "
             f"{counted(self.threads, 'thread')} ({_time(self.low)} to "
@@ -99,11 +99,11 @@ def forecast(
     launches = prepare(*sample_keys(plan, each, cases))
     cost = expected_cost(launches, plan.config.model)
     body_seconds = (time.perf_counter() - begin) / len(cost)
-    random = np.random.default_rng(SEED)
-    first = _pilot(plan, launches, cost, random, FIRST, FIRST_STEPS)
+    random = np.random.default_rng(_SEED)
+    first = _pilot(plan, launches, cost, random, _FIRST, _FIRST_STEPS)
     budget = max(first.rate * seconds, 1e4)
-    count = int(np.clip(budget / first.steps.mean(), LEAST, MOST))
-    max_steps = max(1_000, int(budget / FIRST))
+    count = int(np.clip(budget / first.steps.mean(), _LEAST, _MOST))
+    max_steps = max(1_000, int(budget / _FIRST))
     pilot = _pilot(plan, launches, cost, random, count, max_steps)
     # Runs that were cut off count with the largest ratio of steps to cost.
     upper = np.where(pilot.is_cut, pilot.ratio.max(), pilot.ratio)

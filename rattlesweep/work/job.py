@@ -44,13 +44,13 @@ SLIDING_COST = 12.0  # of a step with mu 0.3 over one without, in the paper's ra
 MAX_BLOCK_RUNS = 50_000  # a run takes a few hundred bytes while its block is computed
 RUNS_PER_LANE = 16  # in a block: at its end lanes wait for the last runs
 RECENT_BLOCKS = 8  # whose rate sets the size of the next
-SCAN = 1 << 20  # runs scanned at a time for work left to do
+SCANNED_RUNS = 1 << 20  # runs scanned at a time for work left to do
 GRACE = 5.0  # seconds past the deadline that a session may take to end its first run
-# Samples of each case in the first pass over the cases. Each later pass has GROWTH
+# Samples of each case in the first pass over the cases. A later pass has BLOCK_GROWTH
 # times as many samples before it. These are powers of 2, so that bodies that are drawn
 # by chunks are drawn once.
 FIRST_PASS = 4
-GROWTH = 4
+BLOCK_GROWTH = 4
 PRIOR_RUNS = 8  # runs of a case after which its measured cost outweighs the expected
 
 
@@ -69,7 +69,7 @@ class Progress:
     left: float | None  # estimate in seconds; None before there is a base for it
 
 
-def in_order(todo: Flags, spread: bool = False) -> Iterator[Integers]:
+def todo_in_order(todo: Flags, spread: bool = False) -> Iterator[Integers]:
     """Yield cases and samples of runs to do, (2, runs), in passes over all cases.
 
     A pass takes the cases in turn. Passes take consecutive samples, or every `step`-th
@@ -79,15 +79,15 @@ def in_order(todo: Flags, spread: bool = False) -> Iterator[Integers]:
     """
     cases, samples = todo.shape
     for first, stop, step, known in _passes(samples, spread):
-        # A piece has about SCAN runs: many cases, or one in part.
-        width = max(1, SCAN // GROWTH) * GROWTH * step
-        at_once = max(1, SCAN // max(1, (stop - first) // step))
+        # A piece has about SCANNED_RUNS runs: many cases, or one in part.
+        width = max(1, SCANNED_RUNS // BLOCK_GROWTH) * BLOCK_GROWTH * step
+        at_once = max(1, SCANNED_RUNS // max(1, (stop - first) // step))
         for case in range(0, cases, at_once):
             for start in range(first, stop, width):
                 end = min(start + width, stop)
                 piece = todo[case : case + at_once, start:end:step].copy()
-                if known:  # the pass before had every GROWTH-th of these
-                    piece[:, ::GROWTH] = False
+                if known:  # the pass before had every BLOCK_GROWTH-th of these
+                    piece[:, ::BLOCK_GROWTH] = False
                 row, column = np.nonzero(piece)
                 if len(row):
                     yield np.stack([case + row, start + column * step])
@@ -101,16 +101,16 @@ def _passes(samples: int, spread: bool) -> Iterator[tuple[int, int, int, bool]]:
         while first < samples:
             yield first, min(stop, samples), 1, False
             first = stop
-            stop *= GROWTH
+            stop *= BLOCK_GROWTH
         return
     step = 1
     while samples // step > FIRST_PASS:
-        step *= GROWTH
+        step *= BLOCK_GROWTH
     known = False
     while step:
         yield 0, samples, step, known
         known = True
-        step //= GROWTH
+        step //= BLOCK_GROWTH
 
 
 @dataclass
@@ -162,7 +162,7 @@ class Job:
         self._wanted = wanted.sum(axis=1)
         self._left = todo.sum(axis=1)
         is_spread = self.plan.config.bodies.source in ("grid", "table")
-        pieces = in_order(todo, is_spread)
+        pieces = todo_in_order(todo, is_spread)
         keys = np.zeros((2, 0), np.int64)  # of the next runs
         is_end = False
         while True:

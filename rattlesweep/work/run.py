@@ -29,7 +29,7 @@ from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import Control, Task
 from rattlesweep.store.decide import wanted_runs
 from rattlesweep.store.locks import MANIFEST_LOCK, hold, locked
-from rattlesweep.store.manifest import begin, examine
+from rattlesweep.store.manifest import begin_sweep, examine
 from rattlesweep.store.merging import all_runs, find_merged
 from rattlesweep.store.parquet import read_parquet
 from rattlesweep.store.rows import Found, Stored, rewrite
@@ -110,7 +110,7 @@ def run_sweep(
         # Of several shards that start at once, one writes the manifest.
         with locked(directory, MANIFEST_LOCK):
             check = held.enter_context(hold(directory, name))
-            stored = begin(plan, directory, base, name)
+            stored = begin_sweep(plan, directory, base, name)
         plan = replace(plan, cases=stored.cases)
         record = held.enter_context(session(directory, name, threads))
         on_disk = _mend(stored, plan.config.classify, shard, retry_failed)

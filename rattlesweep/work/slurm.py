@@ -13,10 +13,10 @@ from pathlib import Path
 from rattlesweep.design.plan import Plan
 from rattlesweep.errors import ConfigError
 
-MARGIN = 300  # seconds before the limit at which a task stops
+_MARGIN = 300  # seconds before the limit at which a task stops
 MARGIN_SHARE = 0.25  # of the limit, if that is less
 SHORTEST = 120  # seconds that a limit may be
-LIMIT = re.compile(
+_LIMIT = re.compile(
     r"(?:(?P<days>\d{1,4})-)?(?P<hours>\d{1,6}):(?P<minutes>\d\d):(?P<seconds>\d\d)"
     r"|(?P<alone>\d{1,6})"
 )
@@ -27,7 +27,7 @@ def limit_of(text: str) -> int:
 
     It is ``[days-]hours:minutes:seconds`` or a number of minutes.
     """
-    match = LIMIT.fullmatch(text.strip())
+    match = _LIMIT.fullmatch(text.strip())
     if not match:
         advice = "write it as in 4:00:00, 90 (minutes) or 2-12:00:00"
         raise ValueError(f"is no time limit; {advice}")
@@ -83,7 +83,7 @@ def job_script(
     if partition is not None and not re.fullmatch(r"[\w.,+-]+", partition):
         raise ConfigError(f"--partition {partition}: is not the name of a partition")
     # Slurm sends its warning halfway between the task's own stop and the limit.
-    margin = round(min(MARGIN, MARGIN_SHARE * limit))
+    margin = round(min(_MARGIN, MARGIN_SHARE * limit))
     target = quote(f"{output}")
     finish = f"verify {target}"
     directory = target

@@ -178,7 +178,7 @@ def test_a_free_shape_is_found_from_films_in_both_directions(n_i):
         losses={"sigma": 4e-3},
         t_end=float(times[-1]),
     )
-    angles = np.degrees(problem.follow(run, "angle", times))
+    angles = np.degrees(problem.follow_quantity(run, "angle", times))
     angles += 0.5 * np.random.default_rng(12).standard_normal(len(times))
     data = {"t_s": seconds, "angle_deg": angles % 180}
     given = BODY.replace(xi=1.15 * BODY.xi, theta=0.98 * BODY.theta)
@@ -419,7 +419,7 @@ def test_a_gap_is_told():
 def test_large_residuals_are_told(monkeypatch):
     # The search cannot succeed: a body of the other skew does not turn like this one.
     monkeypatch.setattr(series, "STARTS", 1)
-    monkeypatch.setattr(series, "MOST_STEPS", 3)
+    monkeypatch.setattr(series, "FILM_STEPS", 3)
     mirrored = BODY.replace(xi=-BODY.xi)
     launch = {"n_i": 0.3, "omega_xy0": 0.03}
     fit = rs.fit(mirrored, film()[:240], free="sigma", launch=launch)
@@ -432,7 +432,7 @@ def test_large_residuals_are_told(monkeypatch):
 
 def test_a_trial_that_fails_is_a_bad_point_of_the_search(monkeypatch):
     run = rs.trajectory(BODY, **TRUTH, t_end=40, points=200, channels=["t", "n"])
-    follow = problem.follow
+    follow = problem.follow_quantity
     failed = []
 
     def fragile(launch, kind, times):
@@ -442,7 +442,7 @@ def test_a_trial_that_fails_is_a_bad_point_of_the_search(monkeypatch):
             raise rs.ConfigError("the run failed: the state became infinite")
         return follow(launch, kind, times)
 
-    monkeypatch.setattr(problem, "follow", fragile)
+    monkeypatch.setattr(problem, "follow_quantity", fragile)
     data = run.table[["t", "n"]]
     fit = rs.fit(BODY, data, free=["omega_xy0", "sigma"], launch={"n_i": 0.3})
     assert failed

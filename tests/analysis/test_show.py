@@ -33,7 +33,7 @@ T_END = 130.0
 @cache
 def scene(t_end: float = T_END) -> dict[str, Any]:
     run = Launch(GH, n_i=0.1, omega_xy0=0.01, t_end=t_end)
-    return show.make_scene(show.course_of(PreparedRun.of(run), None))
+    return show.make_scene(show.course_of_page(PreparedRun.of(run), None))
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,9 @@ def test_the_page_holds_the_columns_and_names_no_address(page):
     assert "default-src 'none'" in text
     assert "The MIT License" in text
     # The largest page is below 5 MB.
-    many = {name: np.resize(column, show.MOST_ROWS) for name, column in columns.items()}
+    many = {
+        name: np.resize(column, show.MOST_FRAMES) for name, column in columns.items()
+    }
     assert len(show.make_page(scene() | {"columns": many}, "a", "b")) < 5e6
 
 
@@ -101,7 +103,7 @@ def test_the_facts_of_a_body_of_known_size_are_in_its_units():
         t_end=150.0,
     )
     run = PreparedRun.of(launch)
-    facts = dict(show.make_scene(show.course_of(run, None))["facts"])
+    facts = dict(show.make_scene(show.course_of_page(run, None))["facts"])
     t_rgh = rs.reversal_time_gh(KL, n_i=0.2, omega_xy0=0.02)
     assert facts["t_rGH"] == f"{t_rgh * KL.units.time:.6g} s"
     assert facts["dissipation"].endswith(" N m s")

@@ -25,7 +25,11 @@ model: gh
 integrator: {method: rk4, dt: 0.1}
 """
 # One kernel and the closed form; the slow suite has all, and two reference methods.
-FEW = [setting for setting in tradeoff.QUICK if setting.method in ("dop853", "none")]
+FEW = [
+    setting
+    for setting in tradeoff.QUICK_SETTINGS
+    if setting.method in ("dop853", "none")
+]
 
 
 def small(tmp_path, text=SMALL):
@@ -37,7 +41,7 @@ def small(tmp_path, text=SMALL):
 @pytest.fixture
 def few(monkeypatch):
     """The command with --quick measures few settings, against one method."""
-    monkeypatch.setattr(tradeoff, "QUICK", FEW)
+    monkeypatch.setattr(tradeoff, "QUICK_SETTINGS", FEW)
     monkeypatch.setattr(tradeoff, "REFERENCES", REFERENCES[1:] * 2)
 
 
@@ -51,7 +55,9 @@ def study(request, tmp_path_factory):
         if request.param == "few":
             patch.setattr(tradeoff, "REFERENCES", REFERENCES[1:] * 2)
         return tradeoff.measure(
-            config, samples=8, settings=FEW if request.param == "few" else tradeoff.FULL
+            config,
+            samples=8,
+            settings=FEW if request.param == "few" else tradeoff.FULL_SETTINGS,
         )
 
 

@@ -21,7 +21,7 @@ from sweeping import HEAD, ROW, rows
 import rattlesweep as rs
 from rattlesweep.design import tables
 from rattlesweep.design.bodies import sources
-from rattlesweep.design.bodies.sources import CHUNK, draw_points, uniforms
+from rattlesweep.design.bodies.sources import DRAWN_TOGETHER, draw_points, uniforms
 from rattlesweep.design.config.schema import Target
 from rattlesweep.design.tables import read_table
 from rattlesweep.errors import ConfigError
@@ -129,7 +129,7 @@ def test_a_body_depends_on_seed_target_and_sample_alone(own):
     """It depends neither on the chunk in which it is drawn nor on the order of the
     samples.
     """
-    n = CHUNK + 50
+    n = DRAWN_TOGETHER + 50
     config = drawn(n, **own)
     rng = np.random.default_rng(1)
     targets = own.get("target", {"K_r": [math.nan]})["K_r"]

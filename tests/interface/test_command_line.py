@@ -16,7 +16,7 @@ from sweeping import PROGRAM, ROOT, invoke
 
 import rattlesweep as rs
 from rattlesweep import cli, shipped, text
-from rattlesweep.analysis.plots import KINDS
+from rattlesweep.analysis.plots import FIGURE_KINDS
 from rattlesweep.design.config.read import load_config
 from rattlesweep.design.config.schema import ACCURACIES
 from rattlesweep.integrate.model import MODELS
@@ -123,7 +123,7 @@ def test_a_sweep_loads_neither_pandas_nor_matplotlib(tmp_path):
 
 def test_choices_are_those_of_the_registries():
     assert [model for model in MODELS if model in MODEL_NAMES] == [*MODEL_NAMES[:-1]]
-    assert list(PLOT_NAMES) == list(KINDS)
+    assert list(PLOT_NAMES) == list(FIGURE_KINDS)
     assert list(PRESET_NAMES) == list(PRESETS)
     assert list(ACCURACY_NAMES) == list(ACCURACIES)
 

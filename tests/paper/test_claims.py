@@ -14,19 +14,19 @@ import pytest
 
 from rattlesweep.paper.claim import (
     UNDECIDED,
-    Count,
+    Tally,
     every,
     judge,
     judge_claim,
-    read_table,
+    read_rows_of,
 )
 from rattlesweep.paper.fig6_8 import times
-from rattlesweep.paper.reproduce import closing_table
+from rattlesweep.paper.reproduce import verdict_table
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT / "rattlesweep" / "paper"
-CLAIMS = read_table("claims")
-PARTS = read_table("parts")
+CLAIMS = read_rows_of("claims")
+PARTS = read_rows_of("parts")
 
 
 def judgement(*checks, few=False, **numbers):
@@ -46,19 +46,19 @@ def judgement(*checks, few=False, **numbers):
 def test_a_verdict_is_made_of_checks_the_first_of_which_is_the_headline():
     cases = ((True, True), (True, False), (False, True))
     assert [judgement(*c)["verdict"] for c in cases] == ["agree", "partly", "disagree"]
-    claim = judgement(True, Count(2, 3), every([True, True]), value=math.nan)
+    claim = judgement(True, Tally(2, 3), every([True, True]), value=math.nan)
     assert claim["evidence"] == (
         "Checks, headline first: check 0: yes; check 1: no, 2 of 3; "
         "check 2: yes, 2 of 2. End."
     )
     assert (claim["held"], claim["checks"], claim["headline"]) == (2, 3, "check 0")
     assert claim["value"] is None
-    assert closing_table([claim]) == "T1   partly (2 of 3): words\n     found: measured"
+    assert verdict_table([claim]) == "T1   partly (2 of 3): words\n     found: measured"
 
 
 def test_few_samples_cannot_tell_what_lies_within_their_error():
-    within = Count(8, 10, unsure=2)
-    beyond = Count(8, 10, unsure=1)
+    within = Tally(8, 10, unsure=2)
+    beyond = Tally(8, 10, unsure=1)
     # With the paper's own number of samples a check that fails has failed.
     assert [judgement(True, c)["verdict"] for c in (within, beyond)] == ["partly"] * 2
     verdicts = [

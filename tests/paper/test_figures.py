@@ -12,7 +12,7 @@ import theory_mp
 
 from rattlesweep.design.config.schema import SdRanges
 from rattlesweep.paper import fig3_4, fig5_9, fig7, formulas
-from rattlesweep.paper.claim import judge, judge_claim, read_table
+from rattlesweep.paper.claim import judge, judge_claim, read_rows_of
 from rattlesweep.paper.workspace import Sizes, Workspace
 from rattlesweep.physics import full, theory
 
@@ -34,8 +34,8 @@ def ws(tmp_path_factory):
 def nine(ws):
     with pytest.MonkeyPatch.context() as patch:
         # Long enough for three reversals of either model at each theta.
-        patch.setattr(fig5_9, "T_END", 1.7e4)
-        patch.setattr(fig5_9, "TOL", 1e-12)
+        patch.setattr(fig5_9, "LONG_T_END", 1.7e4)
+        patch.setattr(fig5_9, "LONG_TOL", 1e-12)
         return fig5_9.long_runs(ws)
 
 
@@ -51,7 +51,9 @@ def test_claims_of_fig_5_follow_the_series(ws):
     assert set(verdicts({"fig5": late}).values()) == {"disagree"}
     # With x and y exchanged every statement on them is wrong but one.
     exchange = {"omega_x": "omega_y", "omega_y": "omega_x"}
-    turned = {name: five[name].rename(columns=exchange) for name in fig5_9.ENDS}
+    turned = {
+        name: five[name].rename(columns=exchange) for name in fig5_9.SPINS_AND_TIMES
+    }
     row = judge({"fig5": five | turned}, theory=False)[2]
     assert (row["verdict"], row["held"], row["checks"]) == ("disagree", 1, 6)
 
@@ -101,7 +103,7 @@ def few(monkeypatch):
 
 
 def claim(name):
-    return judge_claim(read_table("claims")[name], {}, few=False)
+    return judge_claim(read_rows_of("claims")[name], {}, few=False)
 
 
 def test_bodies_are_counted_by_their_coefficients():
@@ -164,7 +166,7 @@ def test_t1_is_within_the_rounding_of_table_i(monkeypatch):
     assert round(float(exact["K_r"]), 4) == 0.0967
     row = claim("T1")
     assert row["low"] < 0.0967 < row["value"] < row["high"]
-    monkeypatch.setitem(formulas.PRINTED, "K_r", (0.0961, 4))
+    monkeypatch.setitem(formulas.PRINTED_NUMBERS, "K_r", (0.0961, 4))
     assert claim("T1")["verdict"] == "disagree"
 
 
@@ -216,7 +218,7 @@ def off(module, name, **factors):
             ["S9"],
         ),
         ((full.rhs, "py_func", lambda *_: (0.0, 0.0, 1e-12, 0.0, 0.0)), ["S9"]),
-        (off(formulas, "ellipsoid", alpha=1.1), ["T6"]),
+        (off(formulas, "_ellipsoid", alpha=1.1), ["T6"]),
         (off(formulas, "by_definition", K_r=1.001), ["T2"]),
     ],
 )

@@ -14,11 +14,17 @@ from browser import check_page, needs_browser
 from refusal import assert_refused
 from sweeping import ROOT, invoke
 
-from rattlesweep.analysis.style import save
+from rattlesweep.analysis.style import save_figure
 from rattlesweep.design.config.read import load_config, parse_config, resolved
 from rattlesweep.paper import reproduce as command
-from rattlesweep.paper.reproduce import choose, reproduce
-from rattlesweep.paper.workspace import FULL, QUICK, Sizes, Workspace, sweep_config
+from rattlesweep.paper.reproduce import choose_figures, reproduce
+from rattlesweep.paper.workspace import (
+    FULL_SIZES,
+    QUICK_SIZES,
+    Sizes,
+    Workspace,
+    sweep_config,
+)
 
 SMALL = Sizes(samples=4, lyapunov=15, windows=30)
 
@@ -27,7 +33,9 @@ SMALL = Sizes(samples=4, lyapunov=15, windows=30)
 def made(tmp_path_factory):
     directory = tmp_path_factory.mktemp("paper")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(command, "save", lambda figure, paths: draw(figure, *paths))
+        patch.setattr(
+            command, "save_figure", lambda figure, paths: draw(figure, *paths)
+        )
         claims = reproduce(
             Workspace(directory, SMALL, threads=2), ["fig6", "fig7", "fig8"]
         )
@@ -43,7 +51,7 @@ def draw(figure, svg, png):
     """Save one of the two pictures; `test_the_command_makes_what_is_asked_for` has
     both.
     """
-    save(figure, [svg])
+    save_figure(figure, [svg])
     png.touch()
 
 
@@ -56,8 +64,8 @@ def runs_of(directory, sweep):
 @pytest.mark.parametrize("name", ["unsteady", "steady"])
 def test_the_sweeps_are_those_of_the_shipped_configs(name):
     theirs = resolved(load_config(ROOT / "configs" / f"{name}.yaml"))
-    assert resolved(parse_config(sweep_config(name, FULL))) == theirs
-    quick = resolved(parse_config(sweep_config(name, QUICK)))
+    assert resolved(parse_config(sweep_config(name, FULL_SIZES))) == theirs
+    quick = resolved(parse_config(sweep_config(name, QUICK_SIZES)))
     assert quick | {"bodies": 0} == theirs | {"bodies": 0}
 
 
@@ -186,7 +194,7 @@ def test_the_command_refuses_in_one_sentence(tmp_path):
 def test_the_full_size_says_of_the_paper_what_the_docs_say(tmp_path):
     """Minutes: 240,000 runs, and Lyapunov exponents of what wobbles."""
     workspace = Workspace(tmp_path)
-    claims = reproduce(workspace, choose(None))
+    claims = reproduce(workspace, choose_figures(None))
     rows = re.findall(
         r"^\| (\w+) \| (agree|partly|disagree),",
         (ROOT / "benchmarks" / "claims.md").read_text(),

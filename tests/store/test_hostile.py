@@ -327,7 +327,7 @@ def test_a_column_to_refine_by_must_be_recorded(tmp_path):
 
 
 def test_errors_of_a_law_need_its_constants(tmp_path, monkeypatch):
-    monkeypatch.delitem(error.LAWS, "rolling")
+    monkeypatch.delitem(error.LAW_FITS, "rolling")
     config = changed(CONFIG, model="full", dissipation={"rolling": 1e-3})
     words = "record: errors are not calibrated for rolling"
     refused_by_plan(config | {"record": ["error"]}, words, tmp_path)

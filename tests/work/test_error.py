@@ -19,7 +19,7 @@ from sweeping import content_hash, prepared, proved
 
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import find_run
-from rattlesweep.design.columns import RUNS, runs_schema
+from rattlesweep.design.columns import RUN_FIELDS, runs_schema
 from rattlesweep.design.plan import Plan
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import Batch, Outcome, integrate
@@ -29,7 +29,13 @@ from rattlesweep.integrate.task import Control
 from rattlesweep.store.classify import classify_stored
 from rattlesweep.store.rows import open_stored, same_bits
 from rattlesweep.store.summary import read_summary
-from rattlesweep.store.types import SS, SW, UNCLASSIFIED, R, sure_types
+from rattlesweep.store.types import (
+    CODE_R,
+    CODE_SS,
+    CODE_SW,
+    CODE_UNCLASSIFIED,
+    sure_types,
+)
 from rattlesweep.work import error
 from rattlesweep.work.block import columns_of, compute, run_batch
 from rattlesweep.work.run import Shard
@@ -74,21 +80,21 @@ def rows_of(directory: Path) -> pa.Table:
 @pytest.mark.parametrize(
     ("code", "reversal", "growth", "departure", "errors", "sure"),
     [
-        (R, True, 50.0, 1.0, (90.0, 0.0), True),
-        (R, False, 50.0, 1.0, (0.0, 0.0), False),
-        (SS, False, 1e-5, 1e-6, (2e-3, 1e-8), False),
-        (SW, False, 300.0, 0.4, (90.0, 0.01), True),
+        (CODE_R, True, 50.0, 1.0, (90.0, 0.0), True),
+        (CODE_R, False, 50.0, 1.0, (0.0, 0.0), False),
+        (CODE_SS, False, 1e-5, 1e-6, (2e-3, 1e-8), False),
+        (CODE_SW, False, 300.0, 0.4, (90.0, 0.01), True),
         (
-            SW,
+            CODE_SW,
             False,
             300.0,
             0.4,
             (4e3, 0.01),
             False,
         ),  # its companion may not have grown at all
-        (SW, False, 300.0, 0.99, (90.0, 0.02), False),  # may cross zero
-        (SW, False, 300.0, 0.4, (90.0, np.nan), False),  # its companion failed
-        (UNCLASSIFIED, False, np.nan, 0.01, (np.nan, 0.001), True),
+        (CODE_SW, False, 300.0, 0.99, (90.0, 0.02), False),  # may cross zero
+        (CODE_SW, False, 300.0, 0.4, (90.0, np.nan), False),  # its companion failed
+        (CODE_UNCLASSIFIED, False, np.nan, 0.01, (np.nan, 0.001), True),
     ],
 )
 def test_sure_types(code, reversal, growth, departure, errors, sure):
@@ -143,7 +149,7 @@ def test_columns_and_nulls(with_errors, tmp_path):
     # Without it, all other columns have the same bits.
     sweep(tmp_path, "record=[]")
     assert rows_of(tmp_path).equals(
-        rows.drop_columns([column.name for column in RUNS["error"]])
+        rows.drop_columns([column.name for column in RUN_FIELDS["error"]])
     )
 
 

@@ -264,9 +264,9 @@ def rows_of(case: Any, sample: Any, n_steps: Any) -> pa.Table:
     "shape", [(1, 1), (1, 5000), (7, 300), (300, 7), (3, 64), (3, 65)]
 )
 def test_the_first_samples_of_every_case_come_first(shape, spread, monkeypatch):
-    monkeypatch.setattr(jobs, "SCAN", 1000)
+    monkeypatch.setattr(jobs, "SCANNED_RUNS", 1000)
     todo = np.random.default_rng(1).random(shape) < 0.7
-    pieces = list(jobs.in_order(todo, spread))
+    pieces = list(jobs.todo_in_order(todo, spread))
     case, sample = (np.concatenate(x) for x in zip(*pieces, strict=True))
     assert sorted(zip(case, sample, strict=True)) == [
         *zip(*np.nonzero(todo), strict=True)
@@ -274,7 +274,7 @@ def test_the_first_samples_of_every_case_come_first(shape, spread, monkeypatch):
     # Stopped anywhere, no case has more than about GROWTH times as many as another.
     for stop in range(0, len(case), 97):
         done = np.bincount(case[:stop], minlength=shape[0])
-        most = jobs.GROWTH * done.min() + jobs.FIRST_PASS
+        most = jobs.BLOCK_GROWTH * done.min() + jobs.FIRST_PASS
         assert done.max() <= most * 1.3 + 10
     # Each pass is in the order of the keys, and there are few of them.
     order = case * shape[1] + sample
@@ -333,7 +333,7 @@ def test_the_time_left_is_right_within_a_third_after_a_minute(seed, monkeypatch)
 @pytest.mark.parametrize("seed", range(3))
 def test_blocks_are_each_run_once_in_order(seed, monkeypatch):
     monkeypatch.setattr(jobs, "MAX_BLOCK_RUNS", 3000)
-    monkeypatch.setattr(jobs, "SCAN", 7000)
+    monkeypatch.setattr(jobs, "SCANNED_RUNS", 7000)
     dice = np.random.default_rng(seed)
     cost = 10 ** dice.uniform(2, 5, 40)
     work = new_job(monkeypatch, cost, 500)

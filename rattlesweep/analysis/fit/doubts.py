@@ -17,7 +17,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rattlesweep.analysis.fit.problem import Problem
+    from rattlesweep.analysis.fit.problem import FitProblem
     from rattlesweep.physics.si import Units
 
 # Residuals above which a model does not follow the data: in angle, and in any other
@@ -30,7 +30,7 @@ LONGEST_GAP = 0.5  # seconds without an angle; in a longer gap half a turn may g
 # Most by which the ratio of two spins may miss the factor of a wrong unit, as a factor.
 CLEAR = 1.5
 # Most by which two times of a first reversal may differ, as a factor.
-AROUND = 3.0
+_AROUND = 3.0
 # A spin against the launch is noise up to this share of the launch's spin.
 TURNING = 0.2
 # Kolmogorov's limit, which one in 1000 sets of independent residuals exceeds.
@@ -43,7 +43,7 @@ ALIKE = 0.99  # correlation of two estimates above which the data cannot separat
 # A value is hardly known if its interval's half width is above this share of it.
 VAGUE = 0.5
 # A measured value that the data move by more than so many standard errors is doubtful.
-FAR = 3.0
+_FAR = 3.0
 UNLIKELY = 1e-3  # probability of chi squared below which the errors are doubtful
 # Singular values of a Jacobian below this are errors of its finite differences.
 SINGULAR = 1e-6
@@ -158,7 +158,7 @@ def spin_text(spin: float, units: Units | None) -> str:
     return f"{30 / math.pi * spin / units.time:.3g} rpm"
 
 
-def check_first_reversal(problem: Problem, start: Floats) -> None:
+def check_first_reversal(problem: FitProblem, start: Floats) -> None:
     """Raise if a run reverses about a thousand times sooner than the data.
 
     The times of the data are then likely to be in ms. `start` are the first values of
@@ -170,13 +170,13 @@ def check_first_reversal(problem: Problem, start: Floats) -> None:
         return
     # The run ends soon after the first time read as ms: if the data are in ms, a run to
     # that many seconds would be very long.
-    launch = replace(problem.launch, t_end=AROUND * float(film.t[0]) / 1000)
+    launch = replace(problem.launch, t_end=_AROUND * float(film.t[0]) / 1000)
     short = replace(problem, launch=launch, film=replace(film, t=film.t[:1]))
     if not short.succeeds(start):
         return
     first = float(short.expected(start)[0])
     reverses = first < (launch.t_end or 0.0)  # a run without a reversal gives its end
-    if reverses and first > film.t[0] / 1000 / AROUND:
+    if reverses and first > film.t[0] / 1000 / _AROUND:
         raise ConfigError(
             f"{film.source}: {film.value_column.name} begins with "
             f"{film.t[0] / unit.size:.4g} {unit.name}, and a run with the first values "
@@ -301,7 +301,7 @@ def doubts_of_exact_times(film: Film, noise: float) -> list[str]:
     ]
 
 
-def doubts_of_priors(problem: Problem, pulls: Floats) -> list[str]:
+def doubts_of_priors(problem: FitProblem, pulls: Floats) -> list[str]:
     """Return remarks on measured values that the data contradict.
 
     `pulls` are the residuals of the priors, in standard errors.
@@ -310,7 +310,7 @@ def doubts_of_priors(problem: Problem, pulls: Floats) -> list[str]:
         f"the data move {name} by {abs(pull):.2g} standard errors from the measured "
         "value: measure it again, or the model does not describe the data"
         for name, pull in zip(problem.priors, pulls, strict=True)
-        if abs(pull) > FAR
+        if abs(pull) > _FAR
     ]
 
 
@@ -333,7 +333,7 @@ def doubts_of_errors(chi_squared: float, freedom: int) -> list[str]:
 
 
 def doubts_of_parameters(
-    problem: Problem, x: Floats, half_width: Floats, jacobian: Floats
+    problem: FitProblem, x: Floats, half_width: Floats, jacobian: Floats
 ) -> list[str]:
     """Return remarks on the parameters that the data hardly determine.
 

@@ -9,19 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rattlesweep.analysis.fit import doubts
-from rattlesweep.analysis.fit.problem import PARAMETERS, Problem, ratio
+from rattlesweep.analysis.fit.problem import FITTABLE, FitProblem, ratio
 from rattlesweep.arrays import Floats
 from rattlesweep.physics.si import Units
 
 # The size of noise is settled if it changes by less than this.
-SETTLED = 1e-3
-MOST_SIZES = 20
+_SETTLED = 1e-3
+_MOST_SIZES = 20
 # Noise below this share of the largest value is taken as this when priors are weighed,
 # since slopes are finite differences.
 LEAST_NOISE = 1e-6
 # Rows that are as many as the parameters they determine leave rounding errors.
 LEAST_FREEDOM = 1e-6
-TINY = 1e-100
+_TINY = 1e-100
 # A search has not ended if a step promises a decrease of chi squared above this.
 PROMISED = 1e-3
 MOST_POLISH = 10
@@ -30,7 +30,7 @@ ELSEWHERE = 3.0  # rise of the parabola over that of a valley that is not exclud
 
 
 @dataclass(frozen=True)
-class Search:
+class Searched:
     """A finished search: the parameters ``x``, and residuals and Jacobian there."""
 
     x: Floats
@@ -45,12 +45,12 @@ class Search:
 
 
 def minimise(
-    problem: Problem,
+    problem: FitProblem,
     x: Floats,
     accuracy: float,
     steps: int,
     free: Sequence[int] | None = None,
-) -> Search:
+) -> Searched:
     """Minimise the sum of squares from ``x`` on, by all parameters or the `free` ones.
 
     The Jacobian of the search has columns for the free parameters alone.
@@ -88,15 +88,15 @@ def minimise(
     # SciPy's Jacobian is of the type of `slopes`.
     jacobian = np.asarray(result.jac)
     best = whole(result.x)
-    return Search(best, result.fun, jacobian, settled=result.status != 0)
+    return Searched(best, result.fun, jacobian, settled=result.status != 0)
 
 
-def promised(search: Search) -> tuple[Floats, float]:
+def promised(search: Searched) -> tuple[Floats, float]:
     """Return the step to the minimum if the residuals were straight lines.
 
     Also return the decrease of the sum of squares that it promises.
     """
-    lengths = np.maximum(np.linalg.norm(search.jacobian, axis=0), TINY)
+    lengths = np.maximum(np.linalg.norm(search.jacobian, axis=0), _TINY)
     jacobian = search.jacobian / lengths
     spread, _, _ = doubts.directions_of(jacobian)
     pulls = jacobian @ spread
@@ -104,7 +104,7 @@ def promised(search: Search) -> tuple[Floats, float]:
     return -(spread @ along) / lengths, float((along**2).sum())
 
 
-def polish(problem: Problem, search: Search) -> Search:
+def polish(problem: FitProblem, search: Searched) -> Searched:
     """Return a search that goes on until no step promises a lower sum of squares.
 
     SciPy's stops early where two parameters go together.
@@ -123,7 +123,7 @@ def polish(problem: Problem, search: Search) -> Search:
         if not squares[best] < search.squares:
             return search
         x = trials[best]
-        search = Search(x, residuals[best], problem.slopes(x), search.settled)
+        search = Searched(x, residuals[best], problem.slopes(x), search.settled)
     return search
 
 
@@ -131,8 +131,8 @@ def polish(problem: Problem, search: Search) -> Search:
 class Estimate:
     """The best parameters, and how well the data and the priors determine them."""
 
-    problem: Problem
-    search: Search
+    problem: FitProblem
+    search: Searched
     units: Units | None  # of the fitted body
     jacobian: Floats  # with columns of length 1
     root: Floats  # R of the covariance R R^T of ``x``
@@ -143,10 +143,10 @@ class Estimate:
     noise_shares: Floats
 
     @classmethod
-    def of(cls, problem: Problem, search: Search) -> Estimate:
+    def of(cls, problem: FitProblem, search: Searched) -> Estimate:
         """Return the estimate of a finished search."""
         # A parameter that changes no residual has a huge variance, not an infinite one.
-        lengths = np.maximum(np.linalg.norm(search.jacobian, axis=0), TINY)
+        lengths = np.maximum(np.linalg.norm(search.jacobian, axis=0), _TINY)
         jacobian = search.jacobian / lengths
         spread, _, _ = doubts.directions_of(jacobian)
         pulls = jacobian[problem.rows :] @ spread
@@ -233,7 +233,7 @@ class Estimate:
         """Return the parameters at ``x`` in the units of the fitted body."""
         given = self.problem.launch.body.units
         return {
-            name: ratio(PARAMETERS[name].unit, given, self.units) * value
+            name: ratio(FITTABLE[name].unit, given, self.units) * value
             for name, value in self.problem.values(x).items()
         }
 
@@ -257,7 +257,7 @@ def rises_of(estimate: Estimate) -> tuple[Floats, list[Floats]]:
     return rises, ends
 
 
-def rivals_of(estimate: Estimate, searches: Sequence[Search]) -> list[Search]:
+def rivals_of(estimate: Estimate, searches: Sequence[Searched]) -> list[Searched]:
     """Return searches in other valleys that the data cannot exclude, best first.
 
     Chi squared is low there, although the parabola of the estimate is high.
@@ -283,7 +283,7 @@ def rivals_of(estimate: Estimate, searches: Sequence[Search]) -> list[Search]:
     return sorted(rivals, key=lambda search: search.squares)
 
 
-def settle_noise(problem: Problem, search: Search, steps: int) -> Estimate:
+def settle_noise(problem: FitProblem, search: Searched, steps: int) -> Estimate:
     """Return the estimate of a search with the noise that its residuals have.
 
     Priors weigh the more, the larger the noise is, so the search is repeated with them
@@ -293,12 +293,12 @@ def settle_noise(problem: Problem, search: Search, steps: int) -> Estimate:
     if problem.film.error is not None:
         return estimate
     if not problem.priors:
-        return estimate.of_noise(max(estimate.noise, TINY))
-    for _ in range(MOST_SIZES):
+        return estimate.of_noise(max(estimate.noise, _TINY))
+    for _ in range(_MOST_SIZES):
         noise = max(estimate.noise, LEAST_NOISE * problem.film.size)
         change = abs(noise / problem.noise - 1)
         problem = replace(problem, noise=noise)
-        if change < SETTLED:
+        if change < _SETTLED:
             break
         search = minimise(problem, search.x, 1e-8, steps)
         estimate = Estimate.of(problem, search)

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 # Measured quantities by the beginning of their columns' names; "spin" is the rate of
 # the angle, "n" the spin u . omega.
-KINDS = {"angle": "angle", "spin": "spin", "n": "spin", "reversal": "time"}
+_KINDS = {"angle": "angle", "spin": "spin", "n": "spin", "reversal": "time"}
 # Columns without a unit in their names, as `rattlesweep trajectory` writes them.
 BARE = {"t": "sqrt(a/g)", "n": "sqrt(g/a)"}
-NEEDED = "t_s and one of angle_deg, spin_rpm, n_rpm, or reversal_s alone"
+_NEEDED = "t_s and one of angle_deg, spin_rpm, n_rpm, or reversal_s alone"
 # Rows from which the next angle is extrapolated, so that half turns can be removed.
 MEMORY = 20
 # The launch is judged by the first 2 % of the rows, and by at least 10 of them.
@@ -47,11 +47,11 @@ class Unit(NamedTuple):
     size: float
 
 
-class Column(NamedTuple):
+class FilmColumn(NamedTuple):
     """A column of a table that is a measured quantity."""
 
     name: str
-    kind: str  # "t" or one of `KINDS`
+    kind: str  # "t" or one of `_KINDS`
     unit: Unit
 
 
@@ -60,11 +60,11 @@ class Film:
     """Measured data in the units of the body, NaN where a value is missing."""
 
     source: str  # begins the messages about the data
-    kind: str  # one of `KINDS`
+    kind: str  # one of `_KINDS`
     t: Floats  # since the first row; of reversals: since the launch
     value: Floats
-    t_column: Column  # of reversals: the same as the next
-    value_column: Column
+    t_column: FilmColumn  # of reversals: the same as the next
+    value_column: FilmColumn
     # Standard errors of the values, None if they are not known.
     error: Floats | None = None
 
@@ -156,7 +156,7 @@ def read_film(
     values = {
         column.kind: _numbers(place, frame, column) for column in columns.values()
     }
-    kind = next(name for name in KINDS if name in columns)
+    kind = next(name for name in _KINDS if name in columns)
     value = values[kind]
     if not np.isfinite(value).any():
         raise ConfigError(f"{place}: no row has a value of {columns[kind].name}")
@@ -204,14 +204,14 @@ def _read_table(source: Any) -> tuple[str, pd.DataFrame]:
 
 def _measured_columns(
     place: str, frame: pd.DataFrame, units: Units | None
-) -> dict[str, Column]:
+) -> dict[str, FilmColumn]:
     """Return the first column of each quantity; raise if some are missing."""
-    columns: dict[str, Column] = {}
+    columns: dict[str, FilmColumn] = {}
     for name in map(str, frame):
         column = _measured_column(name, units)
         if column is not None:
             columns.setdefault(column.kind, column)
-    kind = next((name for name in KINDS if name in columns), None)
+    kind = next((name for name in _KINDS if name in columns), None)
     if kind is None or (kind != "reversal" and "t" not in columns):
         names = one_line(", ".join(map(str, frame)), 100)
         advice = ""
@@ -229,19 +229,19 @@ def _measured_columns(
         if units is None:
             advice = "; the body has no size, so only t and n, or give it in SI units"
         raise ConfigError(
-            f"{place}: {NEEDED} are needed, and the columns are {names}{advice}"
+            f"{place}: {_NEEDED} are needed, and the columns are {names}{advice}"
         )
     return columns
 
 
-def _measured_column(name: str, units: Units | None) -> Column | None:
+def _measured_column(name: str, units: Units | None) -> FilmColumn | None:
     """Return the quantity and unit of a column, None if it is not a measured one."""
     if name in BARE:
-        return Column(name, name, Unit(BARE[name], 1.0))
-    match = re.fullmatch(rf"(t|{'|'.join(KINDS)})_(.+)", name)
+        return FilmColumn(name, name, Unit(BARE[name], 1.0))
+    match = re.fullmatch(rf"(t|{'|'.join(_KINDS)})_(.+)", name)
     if match is None or (units is None and match[1] != "angle"):
         return None
-    dimension = KINDS.get(match[1], "time")
+    dimension = _KINDS.get(match[1], "time")
     unit = match[2].replace("_", "/")
     with suppress(ValueError):  # the end of the name is no unit
         size = quantity(f"1 {unit}", dimension)
@@ -249,14 +249,14 @@ def _measured_column(name: str, units: Units | None) -> Column | None:
             size *= units.time
         if units is not None and dimension == "time":
             size *= units.time**-1
-        return Column(name, match[1], Unit(unit, size))
+        return FilmColumn(name, match[1], Unit(unit, size))
     return None
 
 
 def _errors(
     place: str,
     frame: pd.DataFrame,
-    measured: Column,
+    measured: FilmColumn,
     value: Floats,
     units: Units | None,
     error: float | str | None,
@@ -289,13 +289,15 @@ def _errors(
     return errors
 
 
-def _error_of_all(error: float | str, measured: Column, units: Units | None) -> float:
+def _error_of_all(
+    error: float | str, measured: FilmColumn, units: Units | None
+) -> float:
     """Return one standard error in units of the body.
 
     A number has the unit of the column, and a text its own.
     """
     number, unit = split(str(error))
-    like: Column | None = measured
+    like: FilmColumn | None = measured
     if unit:
         like = _measured_column(f"{measured.kind}_{unit}", units)
     elif isinstance(error, str) and measured.name not in BARE:
@@ -316,7 +318,7 @@ def _error_of_all(error: float | str, measured: Column, units: Units | None) -> 
     return number * like.unit.size
 
 
-def _numbers(place: str, frame: pd.DataFrame, column: Column) -> Floats:
+def _numbers(place: str, frame: pd.DataFrame, column: FilmColumn) -> Floats:
     """Return a column in the units of the body, NaN where it has no finite number."""
     import pandas as pd
 
@@ -331,7 +333,7 @@ def _numbers(place: str, frame: pd.DataFrame, column: Column) -> Floats:
     return values * column.unit.size
 
 
-def _check_increasing(place: str, t: Floats, column: Column) -> None:
+def _check_increasing(place: str, t: Floats, column: FilmColumn) -> None:
     """Raise a ConfigError if a time is missing or does not follow the one before."""
     for row in np.flatnonzero(~np.isfinite(t) | (np.diff(t, prepend=-np.inf) <= 0))[:1]:
         problem = "has no finite value"

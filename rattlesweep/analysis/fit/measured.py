@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from rattlesweep.design.bodies.making import KINDS, body_from
+from rattlesweep.design.bodies.making import SIZE_KINDS, body_from
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.si import number
@@ -15,7 +15,7 @@ from rattlesweep.quantities import ANGLES
 from rattlesweep.units import separate_error
 
 # Keys of bodies with a size that may have an error, and those of bodies without.
-SIZES = (
+_SIZES = (
     "length",
     "width",
     "height",
@@ -55,7 +55,7 @@ class MeasuredBody:
         """Return the value of a key in SI units, or raise a ConfigError."""
         value = self.keys.get(name)
         if isinstance(value, int | float | str):
-            kind = KINDS.get(name, "")
+            kind = SIZE_KINDS.get(name, "")
             return number(value, kind, name)
         raise ConfigError(
             f"free: {name} is not among the keys of the body; give its value there"
@@ -98,12 +98,12 @@ def measured_body(values: Mapping[str, object], in_si: bool = True) -> MeasuredB
     body = body_from(keys, in_si=in_si)
     known = NUMBERS
     if "shape" in keys or "mass" in keys:
-        known = SIZES
+        known = _SIZES
     priors = {}
     for name, error in errors.items():
         if name not in known:
             raise ConfigError(f"{name}: only {', '.join(known)} may have an error")
-        kind = KINDS.get(name, "")
+        kind = SIZE_KINDS.get(name, "")
         try:
             prior = Prior(number(keys[name], kind, name), number(error, kind, name))
         except ValueError as reason:

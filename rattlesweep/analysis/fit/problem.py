@@ -21,8 +21,8 @@ from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
 from rattlesweep.quantities import LOSSES, RATE, TIME
 
-LEAST = 1e-3  # of parameters that must be above zero
-STEP = 3e-6  # of the central differences, relative to the scale of a parameter
+_LEAST = 1e-3  # of parameters that must be above zero
+_STEP = 3e-6  # of the central differences, relative to the scale of a parameter
 
 
 class Parameter(NamedTuple):
@@ -45,7 +45,7 @@ SIZES = {
     "axes_angle": Parameter("rad", -1.57, 1.57, "angle of the first radius"),
     "f_sd": Parameter("1", 0, 0.5, "I_yy / I_zz"),
 }
-PARAMETERS = {
+FITTABLE = {
     "n_i": Parameter("sqrt(g/a)", -10, 10, "initial spin"),
     "omega_xy0": Parameter("sqrt(g/a)", 1e-9, 10, "initial oscillation"),
     "psi_deg": Parameter("deg", -360, 360, "direction of the initial oscillation"),
@@ -53,7 +53,7 @@ PARAMETERS = {
         name: Parameter(
             loss.unit,
             # A limit that is excluded is not reached.
-            loss.low + LEAST * loss.is_open,
+            loss.low + _LEAST * loss.is_open,
             loss.most_fitted,
             loss.meaning,
         )
@@ -73,7 +73,7 @@ PARAMETERS = {
 OF_BODY = (*BODY, "c", "skew", *SIZES)
 
 
-def follow(launch: Launch, kind: str, times: Floats) -> Floats:
+def follow_quantity(launch: Launch, kind: str, times: Floats) -> Floats:
     """Return the quantity `kind` of a run at some times.
 
     Raises a ConfigError if the integration fails.
@@ -140,7 +140,7 @@ def carried_over(launch: Launch, body: Rattleback) -> Launch:
 
 
 @dataclass(frozen=True)
-class Problem:
+class FitProblem:
     """Residuals as a function of ``x``, the free parameters divided by their scales.
 
     Film, launch, scales and priors are in the units of the body that is given, also
@@ -173,7 +173,7 @@ class Problem:
         """Number of values, of film and priors, less the unknowns."""
         return self.rows + len(self.priors) - self.unknowns
 
-    def until(self, share: float) -> Problem:
+    def until(self, share: float) -> FitProblem:
         """Return the problem of the first part of the data."""
         film = self.film.until(share)
         launch = replace(self.launch, t_end=float(film.t[-1]) or 1.0)
@@ -241,7 +241,7 @@ class Problem:
         launch = self.launched(x)
         # From units of the body that is given to those of the body at ``x``.
         time = ratio(TIME, self.launch.body.units, launch.body.units)
-        values = follow(launch, film.kind, film.t * time)
+        values = follow_quantity(launch, film.kind, film.t * time)
         if film.kind == "angle":
             return values + self.first_direction(film.value - values)
         return values * time
@@ -325,8 +325,8 @@ class Problem:
 
     def limits(self) -> tuple[Floats, Floats]:
         """Return the lowest and the highest ``x``."""
-        low = self.scaled({name: PARAMETERS[name].low for name in self.scales})
-        high = self.scaled({name: PARAMETERS[name].high for name in self.scales})
+        low = self.scaled({name: FITTABLE[name].low for name in self.scales})
+        high = self.scaled({name: FITTABLE[name].high for name in self.scales})
         return low, high
 
     def slopes(self, x: Floats, places: Sequence[int] | None = None) -> Floats:
@@ -335,7 +335,7 @@ class Problem:
         It has a column for each parameter, or for those at some `places`.
         """
         limits = self.limits()
-        steps = np.diag(np.full(len(x), STEP))
+        steps = np.diag(np.full(len(x), _STEP))
         if places is not None:
             steps = steps[places]
         lows = [np.clip(x - step, *limits) for step in steps]

@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 
 # Step of the square root of the increase of chi squared, which is nearly linear in the
 # parameter.
-STEP = 0.4
+_STEP = 0.4
 # A profile ends where this root is larger than at the end of the interval by a factor.
-BEYOND = 1.3
+_BEYOND = 1.3
 MOST_POINTS = 40  # on each side
-MOST_STEPS = 30  # of a search
-CLOSE = 1e-3  # of the ends of the interval, in standard errors
+_MOST_STEPS = 30  # of a search
+_CLOSE = 1e-3  # of the ends of the interval, in standard errors
 # A decrease of chi squared by which another fit is better, and not the same again.
 BETTER = 0.05
 
 
-class Point(NamedTuple):
+class ProfilePoint(NamedTuple):
     """The best parameters at one value of one of them."""
 
     x: Floats
@@ -51,7 +51,7 @@ class Profile:
         """Root of the increase of chi squared at the ends of the 95 % interval."""
         return float(self.estimate.quantiles[self.place])
 
-    def at(self, value: float, start: Floats) -> Point:
+    def at(self, value: float, start: Floats) -> ProfilePoint:
         """Return the best parameters at a value; the search begins at ``start``."""
         problem = self.estimate.problem
         x = start.copy()
@@ -59,16 +59,16 @@ class Profile:
         others = [place for place in range(len(x)) if place != self.place]
         residuals = problem.residuals(x)
         if not np.isfinite(residuals).all():
-            return Point(x, math.inf)
+            return ProfilePoint(x, math.inf)
         if others:
-            search = minimise(problem, x, 1e-8, MOST_STEPS, others)
+            search = minimise(problem, x, 1e-8, _MOST_STEPS, others)
             x = search.x
             residuals = search.residuals
         increase = float((residuals**2).sum()) - self.estimate.search.squares
         # A decrease, where the fit was not the best, is a negative root.
-        return Point(x, math.copysign(math.sqrt(abs(increase)), increase))
+        return ProfilePoint(x, math.copysign(math.sqrt(abs(increase)), increase))
 
-    def side(self, sign: int) -> list[Point]:
+    def side(self, sign: int) -> list[ProfilePoint]:
         """Return points from the best fit on, in steps of the root of chi squared."""
         place = self.place
         limits = self.estimate.problem.limits()
@@ -76,8 +76,8 @@ class Profile:
         limit = limits[int(sign > 0)][place]
         # Where the data tell nothing, the first step is a share of the range.
         error = self.estimate.standard_errors[place]
-        step = STEP * min(error, 0.1 * abs(limit - best[place]))
-        points = [Point(best, 0.0)]
+        step = _STEP * min(error, 0.1 * abs(limit - best[place]))
+        points = [ProfilePoint(best, 0.0)]
         slope = np.zeros(len(best))
         while len(points) <= MOST_POINTS and points[-1].x[place] != limit:
             last = points[-1]
@@ -90,14 +90,14 @@ class Profile:
             if not math.isfinite(point.root):
                 break
             points.append(point)
-            if point.root > BEYOND * self.quantile:
+            if point.root > _BEYOND * self.quantile:
                 break
             slope = (point.x - last.x) / distance
-            rise = max(point.root - last.root, STEP / 2)
-            step *= STEP / rise
+            rise = max(point.root - last.root, _STEP / 2)
+            step *= _STEP / rise
         return points
 
-    def end(self, points: list[Point]) -> Point:
+    def end(self, points: list[ProfilePoint]) -> ProfilePoint:
         """Return the end of the 95 % interval between points of one side, or the last.
 
         The last point is that at the limit of the parameter if the interval reaches it.
@@ -112,7 +112,7 @@ class Profile:
             return points[-1]
         distance = outer.x[place] - inner.x[place]
 
-        def between(value: float) -> Point:
+        def between(value: float) -> ProfilePoint:
             share = (value - inner.x[place]) / distance
             return self.at(value, inner.x + share * (outer.x - inner.x))
 
@@ -120,7 +120,7 @@ class Profile:
             lambda value: between(value).root - self.quantile,
             inner.x[place],
             outer.x[place],
-            xtol=CLOSE * abs(distance),
+            xtol=_CLOSE * abs(distance),
         )
         return between(value)
 

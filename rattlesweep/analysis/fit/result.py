@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.analysis.fit.estimate import Estimate
-from rattlesweep.analysis.fit.problem import PARAMETERS
+from rattlesweep.analysis.fit.problem import FITTABLE
 from rattlesweep.arrays import Floats
 from rattlesweep.design.config import not_one_of
 from rattlesweep.errors import ConfigError
@@ -29,7 +29,7 @@ MANY_ROWS = 30  # more are drawn as points, fewer as circles
 
 def unit_for_people(name: str, units: Units | None) -> tuple[float, str]:
     """Return a unit of a parameter for people, and its size in that of fits."""
-    unit = PARAMETERS[name].unit
+    unit = FITTABLE[name].unit
     sizes = SI_SIZES
     if units is not None:
         spin = 30 / math.pi / units.time, "rpm"
@@ -169,7 +169,7 @@ class Fit:
         in_si = {}
         for name, value in self.values.items():
             size, unit = self.unit_of(name)
-            if unit != PARAMETERS[name].unit:
+            if unit != FITTABLE[name].unit:
                 low, high = self.intervals[name]
                 in_si[name] = (size * value, size * low, size * high, unit)
         return in_si

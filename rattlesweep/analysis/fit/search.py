@@ -14,7 +14,7 @@ from rattlesweep.analysis.fit import doubts
 from rattlesweep.analysis.fit.estimate import (
     LEAST_NOISE,
     Estimate,
-    Search,
+    Searched,
     minimise,
     polish,
     rises_of,
@@ -23,10 +23,10 @@ from rattlesweep.analysis.fit.estimate import (
 )
 from rattlesweep.analysis.fit.film import Film
 from rattlesweep.analysis.fit.measured import MeasuredBody, Prior
-from rattlesweep.analysis.fit.problem import PARAMETERS, SIZES, Problem
+from rattlesweep.analysis.fit.problem import FITTABLE, SIZES, FitProblem
 from rattlesweep.analysis.fit.result import Fit, in_words
 from rattlesweep.analysis.fit.scan import searches_of_times
-from rattlesweep.analysis.fit.series import MOST_STEPS, searches_of_series
+from rattlesweep.analysis.fit.series import FILM_STEPS, searches_of_series
 from rattlesweep.analysis.fit.starts import first_values, scales_of, spans
 from rattlesweep.arrays import Floats
 from rattlesweep.design.config import not_one_of
@@ -36,7 +36,7 @@ from rattlesweep.quantities import LOSSES
 from rattlesweep.text import counted
 
 # Times of reversals are fitted to a run that is longer than the last of them.
-LONGER = 1.5
+_LONGER = 1.5
 # Searches that go on where the end of an interval is lower, as a share of its rise.
 MOST_DESCENTS = 3
 LOWER = -0.02
@@ -51,13 +51,13 @@ def check_free(
     names = list(free)
     if not names:
         raise ConfigError(
-            f"free: no parameter is given; choose from {', '.join(PARAMETERS)}"
+            f"free: no parameter is given; choose from {', '.join(FITTABLE)}"
         )
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(f"free: {name} is listed twice; keep one")
-        if name not in PARAMETERS:
-            raise ConfigError(f"free: {not_one_of(name, PARAMETERS)}")
+        if name not in FITTABLE:
+            raise ConfigError(f"free: {not_one_of(name, FITTABLE)}")
         if name in SIZES:
             if stone is None or not stone.keys:
                 raise ConfigError(
@@ -91,11 +91,11 @@ def fit_run(
     units = launch.body.units
     t_end = float(film.t[-1])
     if film.kind == "reversal":
-        t_end *= LONGER
+        t_end *= _LONGER
     launch = replace(launch, t_end=t_end)
-    progress = Progress(report, len(free))
+    progress = SearchProgress(report, len(free))
     # The number of values is checked before any of them is used.
-    problem = Problem(
+    problem = FitProblem(
         launch, film, dict.fromkeys(free, 1.0), progress.trial, stone, priors
     )
     if problem.freedom < int(film.error is None):
@@ -115,18 +115,18 @@ def fit_run(
     firsts = first_values(problem)
     problem = replace(problem, scales=scales_of(problem, firsts))
     best, searches = _best_search(problem, firsts)
-    estimate = settle_noise(problem, best, MOST_STEPS)
+    estimate = settle_noise(problem, best, FILM_STEPS)
     rises, ends = rises_of(estimate)
     for _ in range(MOST_DESCENTS):
         lowest = int(np.argmin(rises))
         if not rises[lowest] < LOWER:
             break
         # The valley goes on beyond the interval, or another one is lower.
-        again = minimise(problem, ends[lowest], 1e-8, MOST_STEPS)
+        again = minimise(problem, ends[lowest], 1e-8, FILM_STEPS)
         if not again.squares < best.squares:
             break
         best = polish(problem, again)
-        estimate = settle_noise(problem, best, MOST_STEPS)
+        estimate = settle_noise(problem, best, FILM_STEPS)
         rises, ends = rises_of(estimate)
     residuals = estimate.search.residuals[: problem.rows]
     remarks = [
@@ -141,7 +141,7 @@ def fit_run(
 
 
 def _doubts_of_valley(
-    estimate: Estimate, searches: list[Search], rises: Floats
+    estimate: Estimate, searches: list[Searched], rises: Floats
 ) -> list[str]:
     """Return remarks on other valleys, and on one that is no parabola."""
     remarks = []
@@ -171,7 +171,7 @@ def _doubts_of_valley(
     return remarks
 
 
-class Progress:
+class SearchProgress:
     """Share of the work that is done, which only grows, as its end is not known."""
 
     def __init__(self, report: Callable[[float], None], free: int) -> None:
@@ -187,8 +187,8 @@ class Progress:
 
 
 def _best_search(
-    problem: Problem, firsts: dict[str, list[float]]
-) -> tuple[Search, list[Search]]:
+    problem: FitProblem, firsts: dict[str, list[float]]
+) -> tuple[Searched, list[Searched]]:
     """Return the best of searches, and all of them; raise if no run can be made."""
     starts = [
         problem.scaled(dict(zip(firsts, combination, strict=True)))
@@ -224,7 +224,7 @@ def _result(estimate: Estimate, remarks: list[str]) -> Fit:
         remarks += doubts.doubts_of_errors(best.squares, problem.freedom)
     if not best.settled:
         remarks.append(
-            f"the search did not settle within {MOST_STEPS} steps; give a better launch"
+            f"the search did not settle within {FILM_STEPS} steps; give a better launch"
         )
     final = problem.launched(best.x)
     launch: dict[str, Any] = {}

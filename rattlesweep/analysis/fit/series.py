@@ -15,22 +15,22 @@ from dataclasses import replace
 import numpy as np
 
 from rattlesweep.analysis.fit import doubts
-from rattlesweep.analysis.fit.estimate import Search, minimise
-from rattlesweep.analysis.fit.problem import Problem
+from rattlesweep.analysis.fit.estimate import Searched, minimise
+from rattlesweep.analysis.fit.problem import FitProblem
 from rattlesweep.analysis.fit.starts import tethers
 from rattlesweep.arrays import Floats
 
-FIRST = 0.15  # share of the film that is fitted first
+_FIRST = 0.15  # share of the film that is fitted first
 # A part grows by this factor, by less where its fit fails, and by this at least.
-GROWTH = 2.0
-LEAST_GROWTH = 1.08
+_GROWTH = 2.0
+_LEAST_GROWTH = 1.08
 ROWS_AN_UNKNOWN = 5  # at least, of a part
-FIRST_STEPS = 12  # of a search over a part
-MOST_STEPS = 60  # of a search over the whole film
+_FIRST_STEPS = 12  # of a search over a part
+FILM_STEPS = 60  # of a search over the whole film
 EXACT = 0.02  # residuals over the noise from row to row of data without noise
 # Bodies beside the best one, in units of how far a given one may be off; the steps of a
 # first look at each, and the number of those that are looked at closely.
-BESIDE = (-1.8, -1.2, -0.6, 0.6, 1.2, 1.8)
+_BESIDE = (-1.8, -1.2, -0.6, 0.6, 1.2, 1.8)
 BACK = 0.3  # share of the way beside, within which a search has come back
 GLANCE = 7
 GLANCED = 2
@@ -42,7 +42,7 @@ SAME = 1e-4  # difference of two minima of one valley, as a share
 STARTS = 6
 
 
-def searches_of_series(problem: Problem, starts: list[Floats]) -> Iterator[Search]:
+def searches_of_series(problem: FitProblem, starts: list[Floats]) -> Iterator[Searched]:
     """Yield searches over the whole film, until one leaves residuals like noise."""
     part = _part(problem, _first_share(problem))
     squares = [float((part.residuals(x) ** 2).sum()) for x in starts]
@@ -53,14 +53,16 @@ def searches_of_series(problem: Problem, starts: list[Floats]) -> Iterator[Searc
         for x in _beginnings(problem, starts[place]):
             if not problem.succeeds(x):
                 continue
-            search = minimise(problem, x, 1e-8, MOST_STEPS)
+            search = minimise(problem, x, 1e-8, FILM_STEPS)
             yield search
             if looks_like_noise(problem, search):
                 yield from _neighbours(problem, search, starts[place])
                 return
 
 
-def _neighbours(problem: Problem, best: Search, given: Floats) -> Iterator[Search]:
+def _neighbours(
+    problem: FitProblem, best: Searched, given: Floats
+) -> Iterator[Searched]:
     """Yield lower and lower searches from bodies that differ from the best one.
 
     One of them is the body at `given`, where the first search began.
@@ -73,7 +75,7 @@ def _neighbours(problem: Problem, best: Search, given: Floats) -> Iterator[Searc
         off = tethers(problem, best.x)
         bodies = [{name: problem.values(given)[name] for name in off}]
         for name, tether in off.items():
-            bodies += [{name: values[name] + way * tether.error} for way in BESIDE]
+            bodies += [{name: values[name] + way * tether.error} for way in _BESIDE]
         searches = []
         for body in bodies:
             start = problem.scaled({**values, **body})
@@ -100,25 +102,25 @@ def _neighbours(problem: Problem, best: Search, given: Floats) -> Iterator[Searc
         best = lowest
 
 
-def _beginnings(problem: Problem, start: Floats) -> Iterator[Floats]:
+def _beginnings(problem: FitProblem, start: Floats) -> Iterator[Floats]:
     """Yield where searches over the whole film begin, from one start."""
     yield _continued(problem, start)
     # First values that are good are best left alone.
     yield start
 
 
-def _continued(problem: Problem, start: Floats) -> Floats:
+def _continued(problem: FitProblem, start: Floats) -> Floats:
     """Return the parameters fitted to longer and longer parts, from a start on."""
     x = start
     share = _first_share(problem)
     done = 0.0
-    growth = GROWTH
+    growth = _GROWTH
     while share < 1.0:
         part = _part(problem, share)
         if not part.succeeds(x):
             return x
         part = replace(part, priors={**part.priors, **tethers(problem, start)})
-        search = minimise(part, x, 1e-3, FIRST_STEPS)
+        search = minimise(part, x, 1e-3, _FIRST_STEPS)
         if is_close(part, search):
             x = search.x
             done = share
@@ -128,23 +130,23 @@ def _continued(problem: Problem, start: Floats) -> Floats:
             done = share
         else:
             growth = math.sqrt(growth)
-            if growth < LEAST_GROWTH:
+            if growth < _LEAST_GROWTH:
                 return search.x
         share = done * growth
     return x
 
 
-def _first_share(problem: Problem) -> float:
+def _first_share(problem: FitProblem) -> float:
     """Return the share of the film that is fitted first, which has enough rows."""
-    share = FIRST
+    share = _FIRST
     while share < 1.0:
         if problem.until(share).rows >= ROWS_AN_UNKNOWN * problem.unknowns:
             return share
-        share *= GROWTH
+        share *= _GROWTH
     return 1.0
 
 
-def _part(problem: Problem, share: float) -> Problem:
+def _part(problem: FitProblem, share: float) -> FitProblem:
     """Return the problem of a part, with the noise that a tether is weighed by."""
     part = problem.until(share)
     if part.film.error is None:
@@ -152,7 +154,7 @@ def _part(problem: Problem, share: float) -> Problem:
     return part
 
 
-def noise_ratio(problem: Problem, search: Search) -> float:
+def noise_ratio(problem: FitProblem, search: Searched) -> float:
     """Return the residuals over the noise from frame to frame, or over the errors."""
     film = problem.film
     rows = search.residuals[: problem.rows]
@@ -167,12 +169,12 @@ def noise_ratio(problem: Problem, search: Search) -> float:
     return size / noise
 
 
-def is_close(problem: Problem, search: Search) -> bool:
+def is_close(problem: FitProblem, search: Searched) -> bool:
     """Return whether the residuals of a part are of the size of noise."""
     return noise_ratio(problem, search) < doubts.MUCH_NOISE
 
 
-def looks_like_noise(problem: Problem, search: Search) -> bool:
+def looks_like_noise(problem: FitProblem, search: Searched) -> bool:
     """Return whether the residuals look like noise of the right size."""
     # One standard deviation above its mean, chi squared may have a lower minimum.
     usual = problem.freedom + math.sqrt(2 * problem.freedom)

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from rattlesweep.analysis.fit.measured import Prior
-from rattlesweep.analysis.fit.problem import OF_BODY, SIZES, Problem
+from rattlesweep.analysis.fit.problem import OF_BODY, SIZES, FitProblem
 from rattlesweep.arrays import Floats
 from rattlesweep.physics.theory import modes
 from rattlesweep.quantities import DAMPING, LOSSES
@@ -19,7 +19,7 @@ ANGLE_OFF = math.radians(1.5)
 SHARE_OFF = 0.05
 SEMI_AXIS_OFF = 0.3
 # Times of reversals are searched up to so many such distances to both sides.
-WIDE = 2.0
+_WIDE = 2.0
 # Factors, below and above the first values, within which a quantity is searched.
 FACTORS = {"n_i": (0.7, 1.3), "omega_xy0": (0.3, 3.0)}
 LOSS_FACTORS = (0.1, 5.0)
@@ -41,7 +41,7 @@ class Span(NamedTuple):
         return self.low + share * (self.high - self.low)
 
 
-def given(problem: Problem, name: str) -> float | None:
+def given(problem: FitProblem, name: str) -> float | None:
     """Return the value that is given of a parameter, None if there is none or zero."""
     launch = problem.launch
     if name in problem.priors:
@@ -53,7 +53,7 @@ def given(problem: Problem, name: str) -> float | None:
     return value or getattr(launch.body, name, None) or None
 
 
-def first_values(problem: Problem) -> dict[str, list[float]]:
+def first_values(problem: FitProblem) -> dict[str, list[float]]:
     """Return values of each free parameter from which the search may begin."""
     launch = problem.launch
     film = problem.film
@@ -97,7 +97,7 @@ def first_values(problem: Problem) -> dict[str, list[float]]:
     return values
 
 
-def scales_of(problem: Problem, values: dict[str, list[float]]) -> dict[str, float]:
+def scales_of(problem: FitProblem, values: dict[str, list[float]]) -> dict[str, float]:
     """Return the scales of the free parameters, for their first values."""
     scales = {name: max(map(abs, firsts)) for name, firsts in values.items()}
     if "n_i" in scales and problem.film.kind != "reversal":
@@ -115,7 +115,7 @@ def distance_off(name: str, value: float) -> float:
     return SHARE_OFF * value
 
 
-def tethers(problem: Problem, x: Floats) -> dict[str, Prior]:
+def tethers(problem: FitProblem, x: Floats) -> dict[str, Prior]:
     """Return loose priors for the quantities of the body, at ``x``.
 
     The beginning of a film hardly tells them, and without a prior they go astray.
@@ -127,7 +127,7 @@ def tethers(problem: Problem, x: Floats) -> dict[str, Prior]:
     }
 
 
-def spans(problem: Problem, values: dict[str, list[float]]) -> dict[str, Span]:
+def spans(problem: FitProblem, values: dict[str, list[float]]) -> dict[str, Span]:
     """Return the values of each free parameter that a search of reversals tries."""
     ranges = {}
     for name, firsts in values.items():
@@ -135,7 +135,7 @@ def spans(problem: Problem, values: dict[str, list[float]]) -> dict[str, Span]:
         most = max(firsts)
         is_known = given(problem, name) is not None
         if name in problem.priors:
-            width = WIDE * problem.priors[name].error
+            width = _WIDE * problem.priors[name].error
             ranges[name] = Span(least - width, most + width)
         elif name == "n_i" and not is_known:
             ranges[name] = Span(*UNKNOWN_SPINS, by_ratio=True)
@@ -149,6 +149,6 @@ def spans(problem: Problem, values: dict[str, list[float]]) -> dict[str, Span]:
         elif name == "psi_deg":
             ranges[name] = Span(least - DIRECTIONS_OFF, most + DIRECTIONS_OFF)
         else:
-            width = WIDE * abs(distance_off(name, least))
+            width = _WIDE * abs(distance_off(name, least))
             ranges[name] = Span(least - width, most + width)
     return ranges

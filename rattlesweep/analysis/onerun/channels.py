@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.follow import Follower, Samples
     from rattlesweep.physics.si import Units
 
-FULL = ("full",)
+_FULL = ("full",)
 BOTH = ("full", "reduced")
 # The variables of the models, which are the columns of a section by default.
 VARIABLES = {
@@ -178,7 +178,7 @@ def _components(
     """Yield the components of a vector; ``{}`` in a description is their letter."""
     for k, name in enumerate(names.split()):
         component = partial(lambda view, k: vector(view)[k], k=k)
-        yield Channel(name, unit, description.format(name[-1]), FULL, component, needs)
+        yield Channel(name, unit, description.format(name[-1]), _FULL, component, needs)
 
 
 def _channels() -> Iterator[Channel]:
@@ -211,7 +211,7 @@ def _channels() -> Iterator[Channel]:
         "work",
         ENERGY,
         "work of the dissipation, negative",
-        FULL,
+        _FULL,
         lambda view: view.work,
     )
     yield Channel(
@@ -252,49 +252,49 @@ def _channels() -> Iterator[Channel]:
         "F_normal",
         FORCE,
         "contact force along the vertical",
-        FULL,
+        _FULL,
         lambda view: view.observed[2],
     )
     yield Channel(
         "F_tangential",
         FORCE,
         "contact force in the plane",
-        FULL,
+        _FULL,
         lambda view: view.observed[3],
     )
     yield Channel(
         "friction_ratio",
         "1",
         "tangential over normal force of the contact",
-        FULL,
+        _FULL,
         lambda view: view.observed[3] / view.observed[2],
     )
     yield Channel(
         "sliding",
         "1",
         "1 where the contact point slides, else 0",
-        FULL,
+        _FULL,
         lambda view: view.slides.astype(float),
     )
     yield Channel(
         "v_slip",
         SPEED,
         "speed of the contact point on the plane",
-        FULL,
+        _FULL,
         lambda view: view.samples.slip[:, SLIP_SPEED],
     )
     yield Channel(
         "slip_angle",
         "rad",
         "direction of sliding from the horizontal part of the body's x axis",
-        FULL,
+        _FULL,
         lambda view: view.slip_angle,
     )
     yield Channel(
         "yaw",
         "rad",
         "heading of the body's x axis from the start, turns counted",
-        FULL,
+        _FULL,
         lambda view: view.samples.extra[:, HEADING],
         "attitude",
     )
@@ -309,7 +309,7 @@ def _channels() -> Iterator[Channel]:
         "n_reduced",
         RATE,
         "spin of the reduced model beside",
-        FULL,
+        _FULL,
         lambda view: view.spin_beside,
         "reduced",
     )
@@ -329,7 +329,7 @@ def _channel_again(plain: str, name: str, unit: str, size: float) -> Channel:
     return replace(CHANNELS[plain], name=name, unit=unit, size=size)
 
 
-def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
+def choose_channels(names: Iterable[str], model: str) -> tuple[Channel, ...]:
     """Return the channels of a model by their names; raise a ConfigError for others."""
     known = [channel.name for channel in CHANNELS.values() if model in channel.models]
     chosen = []
@@ -342,7 +342,9 @@ def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
     return tuple(chosen)
 
 
-def in_si(channels: Iterable[Channel], units: Units | None) -> dict[str, Channel]:
+def channels_in_si(
+    channels: Iterable[Channel], units: Units | None
+) -> dict[str, Channel]:
     """Return the channels that exist in SI units, such as ``t_s``, by plain names."""
     in_si: dict[str, Channel] = {}
     if units is None:

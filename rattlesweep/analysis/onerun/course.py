@@ -18,8 +18,13 @@ import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
 from rattlesweep.analysis.derived import COMMON_FRICTION
-from rattlesweep.analysis.onerun.channels import VARIABLES, View, choose, in_si
-from rattlesweep.analysis.onerun.section import RISES, Search, Section
+from rattlesweep.analysis.onerun.channels import (
+    VARIABLES,
+    View,
+    channels_in_si,
+    choose_channels,
+)
+from rattlesweep.analysis.onerun.section import RISES, CrossingSearch, Section
 from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.design import columns
 from rattlesweep.design.batches import make_batch, reduced_batch, with_energies
@@ -48,13 +53,13 @@ if TYPE_CHECKING:
 
 # Columns of rows by name: numbers, and flags of a section.
 Columns: TypeAlias = "dict[str, NDArray[Any]]"
-CHUNK = 8192  # rows in memory at once
+_CHUNK = 8192  # rows in memory at once
 # Default rows in a period of the pitch, and in all.
-PER_PERIOD = 20
+_PER_PERIOD = 20
 LEAST_ROWS = 2001
-MOST_ROWS = 10**8
+_MOST_ROWS = 10**8
 # The first time of a warning is searched in so many parts of a step, so many times.
-PARTS = 33
+_PARTS = 33
 REFINEMENTS = 3
 BESIDE_TOL = 1e-10  # of the reduced model, which differs from the full one by far more
 # Letters of the parameters in a title.
@@ -224,13 +229,13 @@ class PreparedRun:
                 )
             return wanted[wanted >= first]
         if dt is not None:
-            count = int(min((t_end - first) / dt, MOST_ROWS)) + 2
+            count = int(min((t_end - first) / dt, _MOST_ROWS)) + 2
         elif points:
             count = points
         else:
-            count = self.even_rows(PER_PERIOD, LEAST_ROWS, MOST_ROWS + 1, start)
-        if count > MOST_ROWS:
-            raise ConfigError(f"more than {MOST_ROWS:,} rows; ask for fewer")
+            count = self.even_rows(_PER_PERIOD, LEAST_ROWS, _MOST_ROWS + 1, start)
+        if count > _MOST_ROWS:
+            raise ConfigError(f"more than {_MOST_ROWS:,} rows; ask for fewer")
         if dt is None:
             return np.linspace(first, t_end, count)
         rows = first + dt * np.arange(count, dtype=np.float64)
@@ -256,7 +261,7 @@ class Course:
             channels = ["t", *(channels or VARIABLES[run.model])]
         elif channels is None:
             channels = ["t", "n"]
-        chosen = choose(channels, run.model)
+        chosen = choose_channels(channels, run.model)
         needs = {channel.needs for channel in chosen}
         if section is not None:
             section.refuse_constant(run.model, has_losses=bool(run.losses))
@@ -275,7 +280,7 @@ class Course:
                 "e_p0 and e_r0 belong to the reduced model; no channel needs it"
             )
         self.run = run
-        self.si = in_si(chosen, run.units)
+        self.si = channels_in_si(chosen, run.units)
         self.channels = (*chosen, *self.si.values())
         self.section = section
         self.times = run.row_times(points, dt, steps, times, from_time, section)
@@ -326,7 +331,7 @@ class Course:
         gathered: list[Columns] = []
         for chunk in self._crossings(self.section):
             gathered.append(chunk)
-            if sum(len(each["rising"]) for each in gathered) >= CHUNK:
+            if sum(len(each["rising"]) for each in gathered) >= _CHUNK:
                 yield _joined(gathered)
                 gathered = []
         if gathered:
@@ -364,7 +369,7 @@ class Course:
                 return self.follower.energy_0 + view.work
             return section.channel.of(view)
 
-        for samples, rises in Search(section, self.follower, channel_of):
+        for samples, rises in CrossingSearch(section, self.follower, channel_of):
             is_late = samples.t >= self._start
             self.n_crossings += int(is_late.sum())
             if is_late.any():
@@ -381,8 +386,8 @@ class Course:
                     yield late
                 samples = follower.steps()
             return
-        for begin in range(0, len(self.times), CHUNK):
-            times = self.times[begin : begin + CHUNK]
+        for begin in range(0, len(self.times), _CHUNK):
+            times = self.times[begin : begin + _CHUNK]
             samples = follower.at(times)
             if samples.t.size:
                 yield samples
@@ -427,15 +432,15 @@ class Course:
         low = 0.0
         high = float(follower.lengths()[step])
         if function(seen[:, step : step + 1])[0] <= 0:
-            offsets = np.linspace(low, high, PARTS)
+            offsets = np.linspace(low, high, _PARTS)
             values = function(self._forces(step, offsets))
             high = float(offsets[np.argmax(values)])
         for _ in range(REFINEMENTS):
-            offsets = np.linspace(low, high, PARTS)
+            offsets = np.linspace(low, high, _PARTS)
             is_positive = function(self._forces(step, offsets)) > 0
             first = max(1, int(np.argmax(is_positive)))
             if not is_positive.any():
-                first = PARTS - 1
+                first = _PARTS - 1
             low, high = float(offsets[first - 1]), float(offsets[first])
         return end - float(follower.lengths()[step]) + high
 
@@ -511,16 +516,16 @@ def _joined(chunks: Sequence[Columns]) -> Columns:
     }
 
 
-def save(course: Course, path: Path) -> None:
+def save_course(course: Course, path: Path) -> None:
     """Integrate a run and write its file atomically."""
     with streamed_file(path) as file:
         if path.suffix.lower() == ".csv":
             write_csv(course, file)
         else:
-            write_parquet(course, file)
+            _write_parquet(course, file)
 
 
-def write_parquet(course: Course, file: BinaryIO) -> None:
+def _write_parquet(course: Course, file: BinaryIO) -> None:
     """Integrate a run and write its chunks as row groups."""
     schema = _schema(course)
     with pq.ParquetWriter(file, schema, compression="zstd", version="2.6") as writer:

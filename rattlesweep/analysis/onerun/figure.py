@@ -18,35 +18,35 @@ from rattlesweep.files import as_path
 from rattlesweep.text import counted
 
 # Points in a period of the pitch, and the fewest and the most in all.
-PER_PERIOD = 24
-LEAST = 2001
-MOST = 400_001
+_PER_PERIOD = 24
+_LEAST = 2001
+_MOST = 400_001
 PALE = "#e4e2dc"  # of the times at which the body slides
 MARKS = 12  # turns to mark; if there are more, only the first is marked
-MODELS = {"full": "full dynamics", "reduced": "reduced model"}
-BESIDE = {
+_MODELS = {"full": "full dynamics", "reduced": "reduced model"}
+_BESIDE = {
     "n_gh": ("Garcia and Hubbard", INK, "--"),
     "n_reduced": ("reduced model", VERMILION, "-."),
 }
 SENSES = {True: ("rising", BLUE), False: ("falling", VERMILION)}
 POINT_SIZES = (0.7, 3.0)  # points; the more there are, the smaller
 DPI_OF_POINTS = 300.0
-SHOWN = {"full": ("n", "omega_x", "omega_y"), "reduced": ("n", "E_p", "E_r")}
+_SHOWN = {"full": ("n", "omega_x", "omega_y"), "reduced": ("n", "E_p", "E_r")}
 
 
-def course_of(
+def course_of_figure(
     run: PreparedRun, shown: Sequence[str] | None, start: float | None
 ) -> Course:
     """Return a run with the channels to be drawn, and the theory beside its spin."""
     if shown is None:
-        shown = SHOWN[run.model]
+        shown = _SHOWN[run.model]
     names = ["t", *shown]
     if "n" in names:
         if run.launches.n_i[0] != 0:  # without spin, the formula stays at zero
             names.append("n_gh")
         if run.model == "full" and run.energies != (None, None):
             names.append("n_reduced")
-    points = run.even_rows(PER_PERIOD, LEAST, MOST, start)
+    points = run.even_rows(_PER_PERIOD, _LEAST, _MOST, start)
     return Course(run, names, points=points, from_time=start)
 
 
@@ -110,16 +110,16 @@ def draw_section(
         whole = axes.get_figure(root=True)
         assert whole is not None
         if path is not None:
-            style.save(whole, [as_path(path, "path")], DPI_OF_POINTS)
+            style.save_figure(whole, [as_path(path, "path")], DPI_OF_POINTS)
         return whole
 
 
 def shown(figure: Figure, path: str | Path | None = None) -> Figure:
     """Make notebooks show a figure, write it to `path` if given, and return it."""
     if path is not None:
-        style.save(figure, [as_path(path, "path")])
+        style.save_figure(figure, [as_path(path, "path")])
     # Figures made without pyplot need `_repr_png_` to show in a notebook.
-    setattr(figure, "_repr_png_", lambda: style.encode(figure, "png", 110.0))  # noqa: B010
+    setattr(figure, "_repr_png_", lambda: style.encode_figure(figure, "png", 110.0))  # noqa: B010
     return figure
 
 
@@ -145,7 +145,7 @@ def draw(
         second = course.si["t"].size
     beside = []
     if "n" in data:
-        beside = [name for name in BESIDE if name in data]
+        beside = [name for name in _BESIDE if name in data]
     panels = [name for name in data if name != "t" and name not in beside]
     turns = [time * second for time in course.reversals if time * second >= t[0]]
     marked = turns[:1] if len(turns) > MARKS else turns
@@ -159,11 +159,11 @@ def draw(
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axis, name in zip(axes, panels, strict=True):
             axis.set_ylabel(style.label(name, units[name]))
-            curve(axis, t, data[name], label=MODELS[course.run.model])
+            curve(axis, t, data[name], label=_MODELS[course.run.model])
             style.light_grid(axis)
             if name == "n":
                 for theory in beside:
-                    label, colour, dash = BESIDE[theory]
+                    label, colour, dash = _BESIDE[theory]
                     curve(axis, t, data[theory], colour, label=label, linestyle=dash)
                 low, high = axis.get_ylim()
                 axis.set_ylim(low, high + 0.25 * (high - low))  # room for the legend

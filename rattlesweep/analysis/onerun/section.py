@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize.elementwise import find_root
 
-from rattlesweep.analysis.onerun.channels import Channel, choose
+from rattlesweep.analysis.onerun.channels import Channel, choose_channels
 from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.integrate.lanes.events import PIECE_ANGLE
@@ -41,10 +41,10 @@ MOST_GRIDS = 14
 NEIGHBOURS = np.array([-2, -1, 1, 2])
 # Where a channel jumps, more remains of its heights at both ends of a piece.
 SMOOTH = 1e-6
-ROUNDING = 1e-14  # of a value
+_ROUNDING = 1e-14  # of a value
 
 # The kinds of quantities whose units follow from the size of the body.
-KINDS = {unit: kind for kind, unit in NATURAL.items()} | {RATE: "spin"}
+_KINDS = {unit: kind for kind, unit in NATURAL.items()} | {RATE: "spin"}
 NO_SECTIONS = {
     "t": "it only grows; choose rows by times instead",
     "sliding": "it jumps; the begin and end of slides are known without one",
@@ -53,8 +53,8 @@ NO_SECTIONS = {
 }
 # Channels that only rounding changes, by the models that conserve them; dissipation
 # takes energy.
-CONSTANTS = {"full": {"energy"}, "reduced": {"energy", "C_I"}}
-DIRECTIONS = {"+": 1, "-": -1, "": 0}
+_CONSTANTS = {"full": {"energy"}, "reduced": {"energy", "C_I"}}
+_DIRECTIONS = {"+": 1, "-": -1, "": 0}
 RISES = "whether {} rises there"
 
 
@@ -85,9 +85,9 @@ class Section:
         name, level, sign = match.groups(default="0")
         if name in NO_SECTIONS:
             raise ConfigError(f"section: {name} has none: {NO_SECTIONS[name]}")
-        channel = choose([name], model)[0]
+        channel = choose_channels([name], model)[0]
         try:
-            value = _value(level, KINDS.get(channel.unit), units, needs_unit)
+            value = _value(level, _KINDS.get(channel.unit), units, needs_unit)
         except ConfigError:
             raise  # it names the option
         except ValueError as error:
@@ -97,7 +97,7 @@ class Section:
     def refuse_constant(self, model: str, *, has_losses: bool) -> None:
         """Raise a ConfigError if the channel is a constant of a run."""
         name = self.channel.name
-        if name in CONSTANTS[model] and not has_losses:
+        if name in _CONSTANTS[model] and not has_losses:
             raise ConfigError(
                 f"section: {name} has none: it is constant in this run; choose a "
                 "channel that varies"
@@ -129,7 +129,7 @@ def _value(
     return value
 
 
-class Search:
+class CrossingSearch:
     """Finds the crossings of a section in a run, while it is integrated.
 
     The launch is no crossing, and neither is a jump over the value, as forces do where
@@ -147,7 +147,7 @@ class Search:
         channel_of: Callable[[Samples], Floats],
     ) -> None:
         self._value = section.value
-        self._direction = DIRECTIONS[section.sign]
+        self._direction = _DIRECTIONS[section.sign]
         self._follower = follower
         self._channel_of = channel_of
 
@@ -166,7 +166,7 @@ class Search:
             if side is None:
                 # A launch on the section is on neither side of it.
                 largest = np.nanmax(np.abs([self._value, *heights]))
-                is_beside = abs(height) > ROUNDING * largest
+                is_beside = abs(height) > _ROUNDING * largest
                 side = np.sign(height) if is_beside else 0.0
             sides = _sides(heights, side)
             may_turn = _may_turn(heights, sides)
@@ -233,7 +233,7 @@ class Search:
         nearer = np.where(at_low < at_high, low, high)
         offset = np.where(roots.success, roots.x, nearer)
         samples = self._follower.within(which.astype(np.int64), offset)
-        most = SMOOTH * (at_low + at_high) + ROUNDING * abs(self._value)
+        most = SMOOTH * (at_low + at_high) + _ROUNDING * abs(self._value)
         is_smooth = np.abs(self._heights(samples)) <= most
         return take(samples, is_smooth), direction[is_smooth] > 0
 

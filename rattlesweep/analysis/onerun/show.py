@@ -23,18 +23,20 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics import surface as surfaces
 from rattlesweep.quantities import RATE, TIME
 
-COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r", "energy")
-CHANNELS = ("t", *COLUMNS, "contact_z")
+_COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r", "energy")
+_CHANNELS = ("t", *_COLUMNS, "contact_z")
 # Rows in a period of the pitch, and the fewest for long runs.  The page interpolates by
 # cubics, and the body slips by at most 5e-5 of the contact's speed (GH, n = 0.1 and
 # -0.1).
-PER_PERIOD = 20
-LEAST = 10
+_PER_PERIOD = 20
+_LEAST = 10
 # A row takes 54 bytes of the page, which stays below 5 MB.
 FEWEST_ROWS = 201
-MOST_ROWS = 80_000
+MOST_FRAMES = 80_000
 THEORY_POINTS = 800
-MARGIN = 1.25  # the body is drawn up to above all contact points and its centre of mass
+_MARGIN = (
+    1.25  # the body is drawn up to above all contact points and its centre of mass
+)
 WIDEST = 0.99  # fraction of the height of an ellipsoid's lower half that is drawn
 TRAIL = 6  # periods of the roll that the trace of the contact shows
 # Seconds until the first reversal at the page's initial speed, and bounds of this
@@ -42,11 +44,11 @@ TRAIL = 6  # periods of the roll that the trace of the contact shows
 SECONDS = 30
 SLOWEST = 4.0
 FASTEST = 25.0
-MOST_TIMES = 6  # that a fact lists
-SOURCES = ("page.css", "three.min.js", "scene.js", "player.js")
+_MOST_TIMES = 6  # that a fact lists
+_SOURCES = ("page.css", "three.min.js", "scene.js", "player.js")
 
 
-def course_of(
+def course_of_page(
     run: PreparedRun, points: int | None, from_time: float | None = None
 ) -> Course:
     """Return a run with the channels of its page, and the rows it needs or `points`."""
@@ -60,32 +62,32 @@ def course_of(
             f"the surface {surface.name} cannot be drawn; use trajectory instead"
         )
     if points is None:
-        points = run.even_rows(PER_PERIOD, FEWEST_ROWS, MOST_ROWS, from_time)
-        if run.even_rows(LEAST, 2, MOST_ROWS + 1, from_time) > MOST_ROWS:
+        points = run.even_rows(_PER_PERIOD, FEWEST_ROWS, MOST_FRAMES, from_time)
+        if run.even_rows(_LEAST, 2, MOST_FRAMES + 1, from_time) > MOST_FRAMES:
             raise ConfigError(
                 f"t_end {run.t_end:g} is too long for one page; shorten --t-end"
             )
-    return Course(run, CHANNELS, points=points, from_time=from_time)
+    return Course(run, _CHANNELS, points=points, from_time=from_time)
 
 
 def make_scene(course: Course) -> dict[str, Any]:
     """Integrate a course of :func:`course_of`, and return the content of its page."""
     columns = course.columns()
     # A failed run is shown as far as its numbers are finite.
-    good = np.logical_and.reduce([np.isfinite(columns[name]) for name in CHANNELS])
+    good = np.logical_and.reduce([np.isfinite(columns[name]) for name in _CHANNELS])
     rows = len(good)
     if not good.all():
         rows = int(np.argmin(good))
     ended = course.follower
     if rows < 2:
         raise ConfigError(f"the run ends at t = {ended.t:g}: {ended.status.meaning}")
-    columns = {name: columns[name][:rows] for name in CHANNELS}
+    columns = {name: columns[name][:rows] for name in _CHANNELS}
     t = columns["t"]
     launches = course.run.launches
     body = course.run.body
     start = float(t[0])
     end = float(t[-1])
-    rise = max(1.0, MARGIN * float(np.max(1 - columns["contact_z"])))
+    rise = max(1.0, _MARGIN * float(np.max(1 - columns["contact_z"])))
     # An ellipsoid ends at its rim, c above the bottom.
     rise = min(rise, WIDEST * body.get("c", math.inf))
     first_zero = course.reversals[0] if course.reversals else end
@@ -150,24 +152,24 @@ def _listed(times: list[float], end: float, size: float, unit: str) -> str:
     """Return the first times in a unit, or that there are none by the end."""
     if not times:
         return f"none by {size * end:g} {unit}"
-    listed = ", ".join(f"{size * time:.8g}" for time in times[:MOST_TIMES])
-    if len(times) > MOST_TIMES:
+    listed = ", ".join(f"{size * time:.8g}" for time in times[:_MOST_TIMES])
+    if len(times) > _MOST_TIMES:
         listed += ", ..."
     return f"{listed} {unit}"
 
 
 def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:
     """Return the page of a scene, with title and subtitle escaped for HTML."""
-    table = np.stack([scene["columns"][name] for name in COLUMNS], axis=1)
+    table = np.stack([scene["columns"][name] for name in _COLUMNS], axis=1)
     arrays = {
-        "columns": COLUMNS,
+        "columns": _COLUMNS,
         "table": _encode(table),
         "theory": _encode(scene["theory"]),
     }
     data = json.dumps(scene | arrays, ensure_ascii=False, allow_nan=False)
     folder = files("rattlesweep.analysis.onerun") / "page"
     page = (folder / "page.html").read_text(encoding="utf-8")
-    sources = {name: (folder / name).read_text(encoding="utf-8") for name in SOURCES}
+    sources = {name: (folder / name).read_text(encoding="utf-8") for name in _SOURCES}
     inserts = {
         "policy": _policy(sources),
         "version": html.escape(version("rattlesweep")),

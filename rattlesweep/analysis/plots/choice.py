@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from rattlesweep.analysis.layout import SKEW, TARGETS, Layout
+from rattlesweep.analysis.layout import SKEW, TARGETS, SweepLayout
 from rattlesweep.analysis.plots.distribution import Distribution
 from rattlesweep.analysis.plots.fractions import BinnedFractions, Fractions
 from rattlesweep.analysis.plots.maps import Map, Regimes
@@ -11,7 +11,7 @@ from rattlesweep.analysis.plots.scatter import Scatter
 from rattlesweep.analysis.plots.times import Times
 from rattlesweep.errors import ConfigError
 
-KINDS: dict[str, type[Picture]] = {
+FIGURE_KINDS: dict[str, type[Picture]] = {
     "fractions": Fractions,
     "times": Times,
     "ratio": Times,
@@ -27,7 +27,7 @@ MAPS = {"regimes": "spectrum", "reversals": "reversals"}
 
 
 def choose_picture(
-    layout: Layout,
+    layout: SweepLayout,
     kind: str | None = None,
     *,
     x: str | None = None,
@@ -75,37 +75,39 @@ def choose_picture(
 
 
 def _of_few_panels(
-    layout: Layout, kind: str, x: str | None, quantity: str | None
+    layout: SweepLayout, kind: str, x: str | None, quantity: str | None
 ) -> Picture:
     """Return the picture, with the longest axis inside or some values left out where
     there would be too many panels.
     """
-    picture = KINDS[kind](layout, kind, x, quantity)
+    picture = FIGURE_KINDS[kind](layout, kind, x, quantity)
     if picture.count <= MOST_PANELS:
         return picture
     if x is None and picture.inside:
         longest = max(layout.axes, key=lambda name: layout.lengths[name])
-        picture = KINDS[kind](layout, kind, longest, quantity)
+        picture = FIGURE_KINDS[kind](layout, kind, longest, quantity)
         x = longest
     left_out = []
     while picture.count > MOST_PANELS:
         axis = max((*picture.rows, *picture.columns), key=lambda axis: len(axis.values))
         layout = layout.select([f"{axis.name}={float(axis.values[0])!r}"])
         left_out.append(axis.name)
-        picture = KINDS[kind](layout, kind, x, quantity)
+        picture = FIGURE_KINDS[kind](layout, kind, x, quantity)
     if left_out:
         names = " and ".join(left_out)
         picture.doubts.append(f"Only the first {names} is shown; select others.")
     return picture
 
 
-def _is_axis(layout: Layout, name: str) -> bool:
+def _is_axis(layout: SweepLayout, name: str) -> bool:
     """Return whether a name is that of an axis, or of no column of numbers either."""
     names = {*layout.axes, *(axis.name for axis in layout.axes.values())}
     return name in names or name not in (*layout.stored.schema.names, SKEW)
 
 
-def _selected(layout: Layout, select: Sequence[str], where: str | None) -> Layout:
+def _selected(
+    layout: SweepLayout, select: Sequence[str], where: str | None
+) -> SweepLayout:
     """Return the layout of selected values and runs, in SI units if there are any."""
     natural = []
     in_si = []
@@ -119,7 +121,7 @@ def _selected(layout: Layout, select: Sequence[str], where: str | None) -> Layou
     return layout.chosen(where).select(natural).in_si().select(in_si)
 
 
-def _suitable_kind(layout: Layout, x: str | None, quantity: str | None) -> str:
+def _suitable_kind(layout: SweepLayout, x: str | None, quantity: str | None) -> str:
     """Return the kind that shows a column, or that suits the sweep."""
     if x in (*layout.stored.schema.names, SKEW) and x not in layout.axes:
         return "scatter"
@@ -131,7 +133,7 @@ def _suitable_kind(layout: Layout, x: str | None, quantity: str | None) -> str:
     return "distribution"
 
 
-def fitting_kinds(layout: Layout) -> list[str]:
+def fitting_kinds(layout: SweepLayout) -> list[str]:
     """Return the kinds for which parameters vary and columns are recorded."""
     kinds = []
     if layout.axes:
@@ -146,7 +148,7 @@ def fitting_kinds(layout: Layout) -> list[str]:
     return [*kinds, "distribution", "scatter"]
 
 
-def default_kind(layout: Layout) -> str:
+def default_kind(layout: SweepLayout) -> str:
     """Return the kind that suits a sweep, such as a map for two long axes."""
     fitting = fitting_kinds(layout)
     spin = layout.stored.config.spin

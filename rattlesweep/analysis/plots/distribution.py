@@ -16,7 +16,7 @@ FEWEST_BINS = 8
 MOST_BINS = 150
 
 
-class Bins(NamedTuple):
+class HistogramBins(NamedTuple):
     """Edges of bins that hold every value, and whether they are logarithmic."""
 
     edges: Floats
@@ -48,7 +48,7 @@ class Distribution(Picture):
         return len(self.values)
 
     @cached_property
-    def bins(self) -> Bins:
+    def bins(self) -> HistogramBins:
         """The bins."""
         values = self.known
         low = 0.0
@@ -58,7 +58,7 @@ class Distribution(Picture):
             high = values.max()
         if (values == values.round()).all() and high - low < MOST_BINS:
             # Around whole numbers.
-            return Bins(np.arange(low, high + 2) - 0.5, log=False)
+            return HistogramBins(np.arange(low, high + 2) - 0.5, log=False)
         log = bool(low > 0 and (self.quantity is None or high > WIDE * low))
         places = np.log(values) if log else values
         distinct = np.unique(places)
@@ -69,7 +69,7 @@ class Distribution(Picture):
             # A bar around each value, between margins.
             around = spacing * np.array([-0.4, -0.25, 0.25, 0.4])
             bars = np.ravel(distinct[:, None] + around)
-            return Bins(np.exp(bars) if log else bars, log)
+            return HistogramBins(np.exp(bars) if log else bars, log)
         # The rule of Freedman and Diaconis, within limits.
         width = 2 * np.ptp(np.percentile(places, (25, 75))) / np.cbrt(len(places))
         count = np.ptp(places) / max(width, 1e-300)
@@ -81,7 +81,7 @@ class Distribution(Picture):
         # The last bin holds the highest value in spite of rounding.
         edges[0] = low
         edges[-1] = np.nextafter(high, np.inf)
-        return Bins(edges, log)
+        return HistogramBins(edges, log)
 
     def table(self) -> pd.DataFrame:
         """Return the histogram."""

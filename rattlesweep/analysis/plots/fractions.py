@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from rattlesweep.analysis import style
-from rattlesweep.analysis.layout import LAUNCH, Axis
+from rattlesweep.analysis.layout import LAUNCH_COLUMNS, Axis
 from rattlesweep.analysis.plots.picture import (
     ENOUGH,
     WIDE,
@@ -28,8 +28,8 @@ from rattlesweep.analysis.style import TYPE_STYLE, label
 from rattlesweep.arrays import Floats
 from rattlesweep.store.types import share, wilson
 
-FEW = 6  # with fewer values than this, each value of an abscissa has a tick
-BEYOND = "beyond Bondi's threshold"
+_FEW = 6  # with fewer values than this, each value of an abscissa has a tick
+_BEYOND = "beyond Bondi's threshold"
 
 
 class BinnedFractions(Picture):
@@ -43,8 +43,8 @@ class BinnedFractions(Picture):
         self.unit, _ = self.layout.column(self.x, "x")
         self.shows = f"that has values of {self.x}"
         lengths = self.layout.lengths
-        few = [name for name in self.layout.several if lengths[name] <= FEW]
-        launch = [name for name in few if name in LAUNCH]
+        few = [name for name in self.layout.several if lengths[name] <= _FEW]
+        launch = [name for name in few if name in LAUNCH_COLUMNS]
         rows = [name for name in launch if name == "omega_xy0"]
         return Arrangement([], rows, [name for name in launch if name not in rows])
 
@@ -148,7 +148,7 @@ class Fractions(Picture):
     def arrange(self) -> Arrangement:
         """Make the oscillation, or else one of several further axes, the rows."""
         first, *rest = ordered(self.layout, self.x, ENOUGH)
-        rest.sort(key=lambda name: (name != "omega_xy0", name not in LAUNCH))
+        rest.sort(key=lambda name: (name != "omega_xy0", name not in LAUNCH_COLUMNS))
         rows = 0
         if len(rest) > 1 or rest == ["omega_xy0"]:
             rows = 1
@@ -172,16 +172,16 @@ class Fractions(Picture):
                     x.values,
                     1 - within(bondi, place),
                     "k^",
-                    label=BEYOND,
+                    label=_BEYOND,
                     clip_on=False,
                     markersize=4,
                     markeredgecolor="white",
                     markeredgewidth=0.5,
                     zorder=5,
                 )
-                entries[BEYOND] = triangles
+                entries[_BEYOND] = triangles
             scale(axes, "x", x, log)
-            if len(x.values) < FEW:
+            if len(x.values) < _FEW:
                 _tick_each(axes, x)
             ends = x.stretches[0][1][0], x.stretches[-1][1][-1]
             axes.set(xlim=ends, ylim=(0, 1), yticks=[0, 0.5, 1])
@@ -189,7 +189,7 @@ class Fractions(Picture):
         self.notes.append(
             "Fractions of the runs with status ok, with 95 % intervals (Wilson)."
         )
-        if BEYOND in entries:
+        if _BEYOND in entries:
             self.notes.append(
                 "The fraction above a triangle is that of the bodies whose steady "
                 "spin theory finds stable: |n_c1| < |n_i|."

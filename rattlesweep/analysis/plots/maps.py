@@ -28,7 +28,7 @@ from rattlesweep.analysis.style import REGIME_STYLE, TYPE_STYLE, Mark, label
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 
-ENDS = (0.5, 99.5)  # percentiles at which the colour scale ends
+_ENDS = (0.5, 99.5)  # percentiles at which the colour scale ends
 MOST_DRAWN = 1200  # values along a side; a panel has fewer pixels
 WIDE_RATIO = 4.0  # ratios are nearer to each other than other quantities
 BONDI = "Bondi's threshold"
@@ -66,8 +66,8 @@ class Map(Picture):
     def states(self) -> dict[str, tuple[str, str]]:
         """The states of a cell: one of `marks`, or why it has none."""
         states = {name: (mark.colour, mark.label) for name, mark in self.marks.items()}
-        states["failed"] = style.FAILED, self.without
-        states["missing"] = style.MISSING, "not run yet"
+        states["failed"] = style.FAILED_COLOUR, self.without
+        states["missing"] = style.MISSING_COLOUR, "not run yet"
         return states
 
     def arrange(self) -> Arrangement:
@@ -186,7 +186,7 @@ class Map(Picture):
         known = value[np.isfinite(value)]
         if not len(known):
             known = np.array([0.0, 2.0])
-        low, high = (float(end) for end in np.percentile(known, ENDS))
+        low, high = (float(end) for end in np.percentile(known, _ENDS))
         widest = WIDE_RATIO if self.quantity is None else WIDE
         wide = low > 0 and high > widest * low
         norm = LogNorm(low, high) if wide else Normalize(low, high)
@@ -279,7 +279,7 @@ class Map(Picture):
             nothing = NO_TURNS.get(self.quantity, "no value")
         entries = self.states | {"none": (style.NO_REVERSAL, nothing)}
         if self.layout.where is not None:
-            entries["missing"] = (style.MISSING, "not selected")
+            entries["missing"] = (style.MISSING_COLOUR, "not selected")
         present = {name for k, name in enumerate(self.states) if k in cells.code}
         if self.quantity is not None:
             present -= self.marks.keys()

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rattlesweep.analysis import style
-from rattlesweep.analysis.layout import LAUNCH, Axis, Layout
+from rattlesweep.analysis.layout import LAUNCH_COLUMNS, Axis, SweepLayout
 from rattlesweep.analysis.style import label, value_text
 from rattlesweep.arrays import Floats
 from rattlesweep.design.columns import floats
@@ -67,7 +67,7 @@ class Picture(ABC):
     colour: str | None = None  # column that colours the points of a scatter
 
     def __init__(
-        self, layout: Layout, name: str, x: str | None, quantity: str | None
+        self, layout: SweepLayout, name: str, x: str | None, quantity: str | None
     ) -> None:
         self.layout = layout
         self.name = name
@@ -393,7 +393,7 @@ def texts(axes: Sequence[Axis], places: Sequence[int]) -> str:
 
 
 def ordered(
-    layout: Layout, first: str | None, enough: int, prefer: str = ""
+    layout: SweepLayout, first: str | None, enough: int, prefer: str = ""
 ) -> list[str]:
     """Return the axes of several values, `first` before all others, then by length.
 
@@ -402,7 +402,11 @@ def ordered(
     lengths = layout.lengths
     names = sorted(
         lengths,
-        key=lambda name: (-min(lengths[name], enough), name != prefer, name in LAUNCH),
+        key=lambda name: (
+            -min(lengths[name], enough),
+            name != prefer,
+            name in LAUNCH_COLUMNS,
+        ),
     )
     if first is None:
         first = names[0]

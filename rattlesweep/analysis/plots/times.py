@@ -26,7 +26,7 @@ MOST_MARKERS = 40  # more markers would hide the curve
 SINGLE: dict[str, Any] = {"linestyle": "", "marker": "_", "markersize": 12}
 
 
-class Look(NamedTuple):
+class CurveLook(NamedTuple):
     """A curve: its place on the second axis, its colour and marker."""
 
     place: int
@@ -119,11 +119,11 @@ class Times(Picture):
             return 1
         return len(self.inside[1].values)
 
-    def _looks(self) -> list[Look]:
+    def _looks(self) -> list[CurveLook]:
         """Return the curves, no more than there are colours."""
         places = np.linspace(0, self._count - 1, min(self._count, len(SERIES)))
         return [
-            Look(int(place), colour, marker)
+            CurveLook(int(place), colour, marker)
             for place, (colour, marker) in zip(places, SERIES, strict=False)
         ]
 
@@ -141,7 +141,7 @@ class Times(Picture):
         return curves
 
     def _draw_piece(
-        self, axes: Axes, x: Floats, curve: Curve, look: Look, log_y: bool
+        self, axes: Axes, x: Floats, curve: Curve, look: CurveLook, log_y: bool
     ) -> None:
         """Draw a curve in one direction of spin, with its band and its theory."""
         few = len(self.axes[0].values) <= MOST_MARKERS
@@ -183,7 +183,7 @@ class Times(Picture):
             dashes = SINGLE if len(self.axes[0].values) == 1 else THEORY
             axes.plot(x, curve.theory, **dashes | {"color": look.colour, "zorder": 1.5})
 
-    def _beside(self, axes: Axes, x: Floats, look: Look) -> Floats:
+    def _beside(self, axes: Axes, x: Floats, look: CurveLook) -> Floats:
         """Return the abscissas of a curve's markers, next to those of other curves."""
         looks = self._looks()
         if len(looks) == 1 or len(self.axes[0].values) == 1:

@@ -11,7 +11,7 @@ from rattlesweep.quantities import ANGLES
 from rattlesweep.units import require_unit
 
 # Kinds of the keys of bodies with a size.
-KINDS = {
+SIZE_KINDS = {
     "mass": "mass",
     "weights": "mass",
     "length": "length",
@@ -69,7 +69,7 @@ def body_from(
     for key in values:
         if key in required:
             continue
-        if key in (*KINDS, *WAYS, *PARAMETERS, "z_up"):
+        if key in (*SIZE_KINDS, *WAYS, *PARAMETERS, "z_up"):
             chosen = "a body by its parameters" if way not in WAYS else spelled(way)
             raise ConfigError(
                 f"{spelled(key)} does not go with {chosen}; leave one of them out"
@@ -85,8 +85,8 @@ def body_from(
             raise ConfigError(sentence)
     if way in ("shape", "mass") and not in_si:
         for key, value in values.items():
-            if key in KINDS:
-                require_unit(spelled(key), value, KINDS[key])
+            if key in SIZE_KINDS:
+                require_unit(spelled(key), value, SIZE_KINDS[key])
     semi_axis = None
     if way == "f_sd":
         semi_axis = values.pop("c", None)

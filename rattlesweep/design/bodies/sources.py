@@ -47,10 +47,10 @@ from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, si, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.physics.si import half_ellipsoid
-from rattlesweep.quantities import ANGLES, SURFACE_CONSTANTS, SURFACES
+from rattlesweep.quantities import ANGLES, CONSTANT_OF_SURFACE, SURFACE_CONSTANTS
 
 # Units of the sizes of a shape in the names of columns.
-SIZES = {
+_SIZES = {
     "length": "m",
     "width": "m",
     "height": "m",
@@ -58,7 +58,9 @@ SIZES = {
     "skew": "rad",
     "weights": "kg",
 }
-CHUNK = 4096  # samples drawn together, and cached for the other cases of a target
+DRAWN_TOGETHER = (
+    4096  # samples drawn together, and cached for the other cases of a target
+)
 
 
 def make_source(config: Config, base: Path | None, rows: TableBodies | None) -> Source:
@@ -95,7 +97,7 @@ def _grid_bodies(config: Config, bodies: PresetSource | GridSource) -> GridBodie
         # Runs get columns in SI units if the config uses them.
         if config.in_si:
             units = known.units
-    constant = SURFACES[bodies.bottom]
+    constant = CONSTANT_OF_SURFACE[bodies.bottom]
     parameters = {
         name: value
         for name, value in parameters.items()
@@ -198,7 +200,7 @@ class ShapeBodies:
         # The flat side is as high as the semi-axis.
         carried = {"mass_kg": mass, "height_m": height, "rim": parameters["c"]}
         for name in self._source.drawn:
-            carried[f"shape_{name}_{SIZES[name]}"] = sizes[name]
+            carried[f"shape_{name}_{_SIZES[name]}"] = sizes[name]
         return Bodies.of(
             parameters,
             f_sd=np.full(mass.shape, np.nan),
@@ -219,7 +221,7 @@ class SdBodies:
         self._seed = seed
         self._source = source
         self._ranges = ranges_of(source)
-        self._constant = SURFACES[source.bottom]
+        self._constant = CONSTANT_OF_SURFACE[source.bottom]
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
 
     def __reduce__(self) -> tuple[type[SdBodies], tuple[int, SdSource]]:
@@ -242,7 +244,7 @@ class SdBodies:
         # Draws for a target are slow, and a sequence is made in order: both go by whole
         # chunks.
         points = np.empty((6, len(sample)))
-        chunks, places = np.divmod(sample, CHUNK)
+        chunks, places = np.divmod(sample, DRAWN_TOGETHER)
         # NaN, for no target, is unequal to itself, so the cache would never find it.
         values = np.nan_to_num(np.broadcast_to(target, sample.shape))
         wanted = {*zip(values.tolist(), chunks.tolist(), strict=True)}
@@ -255,8 +257,8 @@ class SdBodies:
         """Return the points of the samples of a chunk, for the `value` of a target."""
         source = self._source
         ranges = self._ranges
-        first = number * CHUNK
-        stop = min(first + CHUNK, self.samples)
+        first = number * DRAWN_TOGETHER
+        stop = min(first + DRAWN_TOGETHER, self.samples)
         if source.draw == "random":
             samples = np.arange(first, stop)
             return draw_points(self._seed, samples, ranges, source.target, value)
@@ -271,7 +273,7 @@ def ranges_of(source: SdSource) -> Floats:
     For a surface with a further constant, its range follows, shape (6, 2).
     """
     ranges = list(dict(source.ranges).values())
-    constant = SURFACES[source.bottom]
+    constant = CONSTANT_OF_SURFACE[source.bottom]
     if constant is not None:
         ranges.append(source.constant(constant))
     return np.array(ranges)

@@ -21,10 +21,18 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from rattlesweep.arrays import EXACT, Flags, Floats, Integers, take
+from rattlesweep.arrays import EXACT_WHOLE, Flags, Floats, Integers, take
 from rattlesweep.design.bodies import Bodies
-from rattlesweep.design.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
-from rattlesweep.design.config.schema import TABLE, TableSource
+from rattlesweep.design.columns import (
+    F64,
+    I64,
+    MEASURED,
+    RUN_FIELDS,
+    STATE_FIELDS,
+    TEXT,
+    field,
+)
+from rattlesweep.design.config.schema import FROM_TABLE, TableSource
 from rattlesweep.design.config.values import AT_REST, NO_UNIT_VECTOR, normalised
 from rattlesweep.design.tables import read_table, unreadable
 from rattlesweep.errors import ConfigError, one_line
@@ -34,11 +42,12 @@ from rattlesweep.physics.body import PARAMETERS, shell_dumbbell, violations
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
 from rattlesweep.quantities import (
+    CONSTANT_OF_SURFACE,
+    INITIAL_RATES,
     LOSSES,
     MEASURES,
     QUANTITIES,
     SURFACE_CONSTANTS,
-    SURFACES,
 )
 
 if TYPE_CHECKING:
@@ -48,12 +57,11 @@ if TYPE_CHECKING:
 Frame: TypeAlias = "pd.DataFrame | pl.DataFrame | pa.Table"
 """A table in memory."""
 SHELL_DUMBBELL = ("gamma", "f_sd", "theta", "phi", "xi")
-LAUNCH = ("n_i", "omega_xy0")
 OMEGA = ("omega_x", "omega_y", "omega_z")
 U = ("u_x", "u_y", "u_z")
-COLUMNS = (
+_COLUMNS = (
     *PARAMETERS,
-    *LAUNCH,
+    *INITIAL_RATES,
     *OMEGA,
     *U,
     "t_end",
@@ -80,9 +88,9 @@ BODY_DEFAULTS = {
 WITH_UNITS = {"minus_xi_deg": ("xi", -np.pi / 180, "angle")} | {
     name: (quantity.name, measure.size, quantity.kind)
     for name, (quantity, measure) in MEASURES.items()
-    if quantity.name in COLUMNS
+    if quantity.name in _COLUMNS
 }
-INPUT = (*COLUMNS, "t_r", "rim", *SI_BODY, *BODY_DEFAULTS, *WITH_UNITS)
+INPUT = (*_COLUMNS, "t_r", "rim", *SI_BODY, *BODY_DEFAULTS, *WITH_UNITS)
 NULLABLE = {
     "t_end",
     "rim",
@@ -94,16 +102,25 @@ NULLABLE = {
     *SURFACE_CONSTANTS,
 }
 NULLABLE |= {name for name in WITH_UNITS if WITH_UNITS[name][0] in SURFACE_CONSTANTS}
-KEPT = ("mass_kg", "height_m", "gravity_m_s2", "rim")
+_KEPT = ("mass_kg", "height_m", "gravity_m_s2", "rim")
 """Inputs that are also copied to the runs."""
-RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column in part}
-TAKEN = {column.name for part in RUNS for column in RUNS[part] if part != "theory"}
+_RESULTS = {
+    column.name
+    for part in (*RUN_FIELDS.values(), STATE_FIELDS, MEASURED)
+    for column in part
+}
+TAKEN = {
+    column.name
+    for part in RUN_FIELDS
+    for column in RUN_FIELDS[part]
+    if part != "theory"
+}
 TAKEN |= {"t_r_s"}
 TAKEN -= {*INPUT} - {"t_r"}
 """Names of results, which only tables of runs may have, as their values are replaced.
 """
 KEYS = ("case", "sample")
-USED = {"", *INPUT, *RESULTS}
+USED = {"", *INPUT, *_RESULTS}
 """Columns that are read, or replaced; those of other names are copied to the runs."""
 BOUNDED = {name for name, quantity in QUANTITIES.items() if not quantity.is_open}
 BOUNDED |= LOSSES.keys() | SURFACE_CONSTANTS.keys() - {"c"} | {"rim"}
@@ -115,7 +132,7 @@ RowProblem = tuple[int, str]  # number of a row, from 0, and message
 class TableBodies:
     """Bodies from the rows of a table."""
 
-    columns: dict[str, Floats]  # the parameters, and perhaps others of `COLUMNS`
+    columns: dict[str, Floats]  # the parameters, and perhaps others of `_COLUMNS`
     units: Units | None = None
     carried: dict[str, NDArray[Any]] = default(default_factory=dict)
 
@@ -144,13 +161,13 @@ class TableBodies:
         for name in LOSSES:
             if name in self.columns:
                 values = np.unique(self.columns[name])
-                losses[name] = [TABLE] if len(values) > 1 else [float(values[0])]
+                losses[name] = [FROM_TABLE] if len(values) > 1 else [float(values[0])]
         return losses
 
     @property
     def surface(self) -> str | None:
         """The surface of the bodies if some have its further constant, else None."""
-        for name, constant in SURFACES.items():
+        for name, constant in CONSTANT_OF_SURFACE.items():
             if constant and np.isfinite(self.columns.get(constant, np.nan)).any():
                 return name
         return None
@@ -192,9 +209,10 @@ class TableBodies:
         if source.surface is None and not source.constants and self.surface:
             raise ConfigError(
                 "bodies.surface: the key is missing; as the table has a column "
-                f"{SURFACES[self.surface]}, give {self.surface} or paraboloid"
+                f"{CONSTANT_OF_SURFACE[self.surface]}, give {self.surface} "
+                "or paraboloid"
             )
-        constant = SURFACES[source.bottom]
+        constant = CONSTANT_OF_SURFACE[source.bottom]
         if constant is None:
             return TableBodies(columns, self.units, self.carried)
         values = self.columns.get(constant, np.full(self.samples, np.nan))
@@ -226,7 +244,7 @@ def run_fields(
 
 def unknown_columns(names: Iterable[str]) -> list[str]:
     """Return the names of columns that no run depends on, which may be misspelt."""
-    known = {"", "case", "sample", *INPUT, *RESULTS, *KEPT}
+    known = {"", "case", "sample", *INPUT, *_RESULTS, *_KEPT}
     return [name for name in names if name not in known and about(name)[0] == "1"]
 
 
@@ -236,7 +254,7 @@ def about(name: str) -> tuple[str, str]:
     if drawn is not None:
         size, unit = drawn.groups()
         return unit, f"{size} of the shape"
-    if name in KEPT:
+    if name in _KEPT:
         return QUANTITIES[name].unit, QUANTITIES[name].meaning
     return "1", "copied from the bodies"
 
@@ -314,8 +332,8 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     has_state = bool(columns.keys() & {*full_state})
     if has_state:
         _require(full_state, columns, where, f"a full state has {' '.join(full_state)}")
-    elif columns.keys() & {*LAUNCH}:
-        _require(LAUNCH, columns, where, "a launch has n_i and omega_xy0")
+    elif columns.keys() & {*INITIAL_RATES}:
+        _require(INITIAL_RATES, columns, where, "a launch has n_i and omega_xy0")
     impossible = violations(**{name: columns[name] for name in PARAMETERS})
     # The columns that follow from those with units have limits, too.
     _refuse(where, [*_out_of_bounds(columns), *impossible])
@@ -325,12 +343,12 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
         if "status" in cells:
             ended_early = ended_early | (cells["status"].to_numpy() != "ok")
         columns["t_end"] = np.where(ended_early, np.nan, columns["t_end"])
-    copied = [name for name in cells if name not in USED or name in KEPT]
+    copied = [name for name in cells if name not in USED or name in _KEPT]
     carried = {name: _carried(name, cells[name]) for name in copied}
-    columns = {name: columns[name] for name in COLUMNS if name in columns}
+    columns = {name: columns[name] for name in _COLUMNS if name in columns}
     if has_state:
         launch = launched_from(columns, where)
-        for name in LAUNCH:
+        for name in INITIAL_RATES:
             if name in columns:
                 state = "omega and u", launch[name]
                 _require_equal(where, (name, columns[name]), state, {})
@@ -400,14 +418,14 @@ def _carried(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
     Floats are NaN for empty cells, and objects None.
     """
     kind = column.type
-    if name in KEPT:
+    if name in _KEPT:
         return _numbers(column)
     if pa.types.is_integer(kind):
         if not column.null_count:
             wide = np.uint64 if kind == pa.uint64() else np.int64
             return np.asarray(column).astype(wide)
         numbers = column.drop_null().to_pylist()
-        if max(map(abs, numbers), default=0) <= EXACT:
+        if max(map(abs, numbers), default=0) <= EXACT_WHOLE:
             return _numbers(column)
         # As objects, since floats would round them.
         return np.array(column.to_pylist(), dtype=object)

@@ -47,7 +47,7 @@ def spell(key: Key) -> str:
 
 
 @dataclass(frozen=True)
-class Places:
+class KeyPlaces:
     """Places of keys, each a line of `file` or a ``--set`` text; all compare equal."""
 
     file: str | None = field(default=None, compare=False)

@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterator
 
 from rattlesweep.design.config.schema import (
+    FROM_TABLE,
     MAX_CASES,
-    TABLE,
     Base,
     Config,
     GridSource,
@@ -16,7 +16,12 @@ from rattlesweep.design.config.schema import (
 )
 from rattlesweep.design.config.values import AT_REST
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.quantities import ANGLES, LOSSES, SURFACE_CONSTANTS, SURFACES
+from rattlesweep.quantities import (
+    ANGLES,
+    CONSTANT_OF_SURFACE,
+    LOSSES,
+    SURFACE_CONSTANTS,
+)
 from rattlesweep.units import with_article
 
 Clash = tuple[str, str]  # dotted key and message
@@ -66,7 +71,7 @@ def _launches(config: Config) -> Iterator[Clash]:
     launch = config.launch
     if spin and launch:
         yield "spin", "spin and launch are both given; keep one of them"
-    if not (spin or launch or config.bodies.source == TABLE):
+    if not (spin or launch or config.bodies.source == FROM_TABLE):
         yield (
             "spin",
             "the key is missing; give n_i and omega_xy0, or a launch with omega and u",
@@ -100,13 +105,13 @@ def _units(config: Config) -> Iterator[Clash]:
 
 def _dissipation(config: Config) -> Iterator[Clash]:
     losses = config.dissipation
-    table = config.bodies.source == TABLE
+    table = config.bodies.source == FROM_TABLE
     if config.horizon.t_decay and not (table or "sigma" in losses.present):
         yield (
             "horizon.t_decay",
             "it is in units of gamma/sigma, and sigma is 0; give dissipation.sigma",
         )
-    if any(TABLE in values for values in losses.values.values()) and not table:
+    if any(FROM_TABLE in values for values in losses.values.values()) and not table:
         yield "dissipation", "the word table needs source: table; give a number"
     if losses.has_couples and losses.law is None:
         together = " and ".join(losses.present)
@@ -172,7 +177,7 @@ def _integrator(config: Config) -> Iterator[Clash]:
 def _records(config: Config) -> Iterator[Clash]:
     early = config.classify.early
     recorded = {*config.record}
-    is_paraboloid = SURFACES[config.bodies.bottom] is None
+    is_paraboloid = CONSTANT_OF_SURFACE[config.bodies.bottom] is None
     plain = is_paraboloid and not config.dissipation
     if early and not (plain and config.model == "full"):
         yield (
@@ -211,9 +216,9 @@ def _body_clashes(config: Config) -> Iterator[Clash]:
 
 def _constants(bodies: Surfaced) -> Iterator[Clash]:
     """Compare the further constants that are given with that of the surface."""
-    needed = SURFACES[bodies.bottom]
+    needed = CONSTANT_OF_SURFACE[bodies.bottom]
     surface_of_bodies = with_article(bodies.bottom)
-    for surface, name in SURFACES.items():
+    for surface, name in CONSTANT_OF_SURFACE.items():
         if name is not None and name != needed and bodies.constant(name) is not None:
             yield (
                 f"bodies.{name}",
@@ -223,7 +228,7 @@ def _constants(bodies: Surfaced) -> Iterator[Clash]:
         for name in bodies.axes.given.keys() & SURFACE_CONSTANTS.keys() - {needed}:
             yield f"bodies.axes.{name}", f"{surface_of_bodies} has no {name}; drop it"
     # A table may have a column for it.
-    if needed is None or needed in bodies.constants or bodies.source == TABLE:
+    if needed is None or needed in bodies.constants or bodies.source == FROM_TABLE:
         return
     constant = SURFACE_CONSTANTS[needed]
     yield (

@@ -10,9 +10,9 @@ from rattlesweep.design.config import Key, describe, hint, not_one_of
 from rattlesweep.design.config.schema import SOURCES, Config
 from rattlesweep.units import with_point
 
-Model = type[BaseModel]
+_Model = type[BaseModel]
 # What is needed, by pydantic's types of errors.
-NEEDED = {
+_NEEDED = {
     "int_type": "a whole number",
     "int_from_float": "a whole number",
     "int_parsing": "a whole number",
@@ -28,7 +28,7 @@ NEEDED = {
     "dict_type": "a section of keys with values",
 }
 # The word for a limit, and its name in the context of an error.
-LIMITS = {
+_LIMITS = {
     "greater_than": ("above", "gt"),
     "greater_than_equal": ("of at least", "ge"),
     "less_than": ("below", "lt"),
@@ -36,7 +36,9 @@ LIMITS = {
 }
 
 
-def problem_of(error: ErrorDetails, model: Model, data: object) -> tuple[Key, str]:
+def key_and_sentence(
+    error: ErrorDetails, model: _Model, data: object
+) -> tuple[Key, str]:
     """Return the key and the sentence of one of pydantic's errors about data."""
     key = _key_of(error["loc"], data)
     kind = error["type"]
@@ -80,21 +82,21 @@ def _words_of(expected: str) -> list[str]:
     return expected.replace(" or ", ", ").replace("'", "").split(", ")
 
 
-def _needed(error: ErrorDetails, key: Key, model: Model, data: object) -> str:
+def _needed(error: ErrorDetails, key: Key, model: _Model, data: object) -> str:
     """Return the clause about what is needed in place of a value."""
     kind = error["type"]
     value = error["input"]
     context = error.get("ctx", {})
     if isinstance(value, str) and (pointed := with_point(value)):
         return f"write {pointed} with a decimal point"
-    if kind in LIMITS:
-        word, name = LIMITS[kind]
+    if kind in _LIMITS:
+        word, name = _LIMITS[kind]
         return f"a value {word} {context[name]:g} is needed"
     if kind in ("too_short", "too_long"):
         count = context.get("min_length", context.get("max_length"))
         return f"it has {context['actual_length']} values, and {count} are needed"
-    if kind in NEEDED:
-        return f"{NEEDED[kind]} is needed"
+    if kind in _NEEDED:
+        return f"{_NEEDED[kind]} is needed"
     # What remains is a value in place of a section.
     section = _model_at(key, model, data)
     example = "{key: value}"
@@ -105,7 +107,7 @@ def _needed(error: ErrorDetails, key: Key, model: Model, data: object) -> str:
     return f"a section is needed, such as {key[-1] if key else 'a config'}: {example}"
 
 
-def _unknown(key: Key, model: Model, data: object) -> str:
+def _unknown(key: Key, model: _Model, data: object) -> str:
     """Return the sentence about a key that is not known in its section."""
     name = str(key[-1])
     sentence = f"unknown key {describe(name)}"
@@ -132,9 +134,9 @@ def _unknown(key: Key, model: Model, data: object) -> str:
     return f"{sentence}; allowed are {', '.join(known)}"
 
 
-def _model_at(key: Key, model: Model, data: object) -> Model | None:
+def _model_at(key: Key, model: _Model, data: object) -> _Model | None:
     """Return the model of the section at a key; None if there is no section."""
-    section: Model | None = model
+    section: _Model | None = model
     for name in key:
         if section is None or isinstance(name, int):
             return None
@@ -151,7 +153,7 @@ def _model_at(key: Key, model: Model, data: object) -> Model | None:
     return section
 
 
-def _models_in(annotation: object) -> Iterator[Model]:
+def _models_in(annotation: object) -> Iterator[_Model]:
     """Yield the models in the annotation of a field."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
@@ -160,8 +162,8 @@ def _models_in(annotation: object) -> Iterator[Model]:
 
 
 def _sections(
-    path: tuple[str, ...], model: Model
-) -> Iterator[tuple[tuple[str, ...], Model]]:
+    path: tuple[str, ...], model: _Model
+) -> Iterator[tuple[tuple[str, ...], _Model]]:
     """Yield the dotted path and the model of each section of a model."""
     yield path, model
     for name, field in model.model_fields.items():

@@ -15,13 +15,13 @@ from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rattlesweep.arrays import refuse_foreign_units, unmasked
-from rattlesweep.design.config import Key, Places, describe, spell
+from rattlesweep.design.config import Key, KeyPlaces, describe, spell
 from rattlesweep.design.config.clashes import clashes
-from rattlesweep.design.config.problems import problem_of
+from rattlesweep.design.config.problems import key_and_sentence
 from rattlesweep.design.config.schema import Base, Config, SdSource, TableSource
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.files import as_path, read_regular, reason
-from rattlesweep.units import as_text, is_measured
+from rattlesweep.units import is_measured, quantity_text
 
 MAX_BYTES = 1_000_000  # of a file
 MAX_VALUES = 20_000  # a few aliases can expand to far more values than a file has
@@ -52,7 +52,7 @@ SCALARS: dict[str, Callable[[str], object]] = {
 HALF_CHARACTER = re.compile("[\ud800-\udfff]")  # of a pair of surrogates
 
 T = TypeVar("T", bound=Base)
-Problem = tuple[int | str | None, Key, str]  # line or --set text, key, message
+_Problem = tuple[int | str | None, Key, str]  # line or --set text, key, message
 
 
 def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Config:
@@ -72,7 +72,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
 
 def read_file(
     path: str | os.PathLike[str],
-) -> tuple[dict[str, object], Places, list[Problem]]:
+) -> tuple[dict[str, object], KeyPlaces, list[_Problem]]:
     """Return the mapping in a YAML file, the places of its keys, and repeated keys."""
     file = one_line(os.fspath(path), 200)
     place = as_path(path, "config")
@@ -90,7 +90,7 @@ def read_file(
             problems = [(1, (), message)]
         line, _, message = problems[0]
         raise ConfigError(f"{file}:{line}: {message}")
-    return data, Places(file, {(): 1, **lines}), problems
+    return data, KeyPlaces(file, {(): 1, **lines}), problems
 
 
 def parse_config(
@@ -113,7 +113,7 @@ def parse_config(
     plain = json.loads(text)
     if HALF_CHARACTER.search(json.dumps(plain, ensure_ascii=False)):
         raise ConfigError("a text has half of a character; write all of it")
-    places = Places()
+    places = KeyPlaces()
     for override in overrides:
         places = _override(plain, places, override)
     if bodies is not None:
@@ -130,7 +130,7 @@ def _plain(value: Any, key: Key) -> Any:
         return [_plain(item, (*key, place)) for place, item in enumerate(value)]
     if is_measured(value):
         try:
-            return as_text(value)
+            return quantity_text(value)
         except ValueError as error:
             raise ConfigError(f"{where}: {error}") from None
     if hasattr(value, "tolist"):
@@ -218,7 +218,7 @@ def _shown(value: object) -> str:
     return json.dumps(value)
 
 
-def read_yaml(text: str) -> tuple[object, dict[Key, int], list[Problem]]:
+def read_yaml(text: str) -> tuple[object, dict[Key, int], list[_Problem]]:
     """Return the data of a YAML text, the line of each key and item, and problems."""
     # Each value but the first follows a comma or the end of a line.  The parser reads
     # 5,000 values in a second, so they are counted before.
@@ -251,7 +251,7 @@ class _Reader:
 
     def __init__(self) -> None:
         self.lines: dict[Key, int] = {}
-        self.problems: list[Problem] = []
+        self.problems: list[_Problem] = []
 
     def read(self, node: Node, key: Key) -> object:
         """Return the data of a node at a key."""
@@ -306,12 +306,14 @@ class _Reader:
         return data
 
 
-def checked(model: type[T], data: object, places: Places, problems: list[Problem]) -> T:
+def checked(
+    model: type[T], data: object, places: KeyPlaces, problems: list[_Problem]
+) -> T:
     """Return data as a model, or raise a ConfigError with all of its problems."""
     try:
         config = model.model_validate(data)
     except ValidationError as error:
-        wrong = [problem_of(each, model, data) for each in error.errors()]
+        wrong = [key_and_sentence(each, model, data) for each in error.errors()]
     else:
         wrong = []
         if isinstance(config, Config):
@@ -323,7 +325,7 @@ def checked(model: type[T], data: object, places: Places, problems: list[Problem
     if not problems:
         return config
 
-    def place(problem: Problem) -> float:
+    def place(problem: _Problem) -> float:
         # In the order of the file, followed by those of --set.
         origin = problem[0]
         return origin if isinstance(origin, int) else math.inf
@@ -338,7 +340,7 @@ def checked(model: type[T], data: object, places: Places, problems: list[Problem
     raise ConfigError(lines)
 
 
-def _override(data: dict[str, object], places: Places, text: str) -> Places:
+def _override(data: dict[str, object], places: KeyPlaces, text: str) -> KeyPlaces:
     """Put one ``KEY=VALUE`` into `data`; return the places with its key."""
     origin = f"--set {one_line(text, 100)}"
     name, equals, value = text.partition("=")
@@ -368,4 +370,4 @@ def _override(data: dict[str, object], places: Places, text: str) -> Places:
         for place, line in places.origins.items()
         if place[: len(key)] != key
     }
-    return Places(places.file, origins | {key: origin})
+    return KeyPlaces(places.file, origins | {key: origin})

@@ -15,18 +15,18 @@ import pydantic
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from rattlesweep.arrays import Floats
-from rattlesweep.design.columns import RECORDS, REFINABLE
-from rattlesweep.design.config import Places
+from rattlesweep.design.columns import RECORDABLE, REFINABLE
+from rattlesweep.design.config import KeyPlaces
 from rattlesweep.design.config.values import (
     UNIQUE,
     Count,
     One,
     OneOf,
     OrText,
-    Pair,
     Range,
     Several,
     Three,
+    TwoOf,
     Vertical,
     Whole,
     distinct,
@@ -40,19 +40,19 @@ from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.names import AccuracyName, ModelName, PresetName
 from rattlesweep.physics.si import LIMITS
 from rattlesweep.quantities import (
-    COUPLES,
+    CONSTANT_OF_SURFACE,
+    COUPLE_CONSTANTS,
     LOSSES,
     MAX_TIME,
     QUANTITIES,
     SURFACE_CONSTANTS,
-    SURFACES,
     Loss,
     law_of,
 )
 from rattlesweep.units import Quantity, Setting
 
 MAX_CASES = 100_000
-TABLE = "table"  # stands for values that the rows of a table give
+FROM_TABLE = "table"  # stands for values that the rows of a table give
 PATH = {"min_length": 1, "pattern": r"^[^\x00]*$"}
 
 
@@ -72,7 +72,7 @@ def parameter(name: str, default: object = None) -> Any:
     return Field(default, description=f"{description}.")
 
 
-def within(name: str) -> object:
+def _within(name: str) -> object:
     """Return the limits of a quantity as a constraint of a type."""
     quantity = QUANTITIES[name]
     if quantity.is_open:
@@ -131,15 +131,15 @@ def _with_numbers(value: object) -> object:
 
 Positive = Annotated[float, Field(gt=0)]
 Time = Annotated[float, Field(gt=0, le=MAX_TIME)]
-Alpha = Annotated[float, within("alpha")]
-Beta = Annotated[float, within("beta")]
-Gamma = Annotated[float, within("gamma")]
-Theta = Annotated[float, within("theta")]
-Phi = Annotated[float, within("phi")]
-Xi = Annotated[float, within("xi")]
-XiDegrees = Annotated[float, within("xi_deg")]
-MinusXiDegrees = Annotated[float, within("minus_xi_deg")]
-ShellShare = Annotated[float, within("f_sd")]
+Alpha = Annotated[float, _within("alpha")]
+Beta = Annotated[float, _within("beta")]
+Gamma = Annotated[float, _within("gamma")]
+Theta = Annotated[float, _within("theta")]
+Phi = Annotated[float, _within("phi")]
+Xi = Annotated[float, _within("xi")]
+XiDegrees = Annotated[float, _within("xi_deg")]
+MinusXiDegrees = Annotated[float, _within("minus_xi_deg")]
+ShellShare = Annotated[float, _within("f_sd")]
 
 PRESET_MEANING = (
     "GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."
@@ -152,7 +152,11 @@ Draw = Literal["random", "sobol", "saltelli"]
 
 SURFACE_MEANING = "; ".join(
     ["Shape of the bottom"]
-    + [f"{name} if {x} is given" for name, x in SURFACES.items() if x is not None]
+    + [
+        f"{name} if {x} is given"
+        for name, x in CONSTANT_OF_SURFACE.items()
+        if x is not None
+    ]
 )
 
 
@@ -163,7 +167,7 @@ def with_constants(base: type[Base], form: Any) -> Any:
     """
     keys: dict[str, Any] = {}
     for name in SURFACE_CONSTANTS:
-        number = Annotated[float, within(name)]
+        number = Annotated[float, _within(name)]
         keys[name] = (form[number] | None, parameter(name))
     return pydantic.create_model(base.__name__, __base__=base, **keys)
 
@@ -172,7 +176,7 @@ class Surfaced(Base):
     """Bodies with one of several surfaces."""
 
     source: str
-    surface: Annotated[str, OneOf(tuple(SURFACES))] | None = key(
+    surface: Annotated[str, OneOf(tuple(CONSTANT_OF_SURFACE))] | None = key(
         None, f"{SURFACE_MEANING}."
     )
 
@@ -193,10 +197,10 @@ class Surfaced(Base):
         """The surface: that of the key, or else that of a constant that is given."""
         if self.surface is not None:
             return self.surface
-        for name, constant in SURFACES.items():
+        for name, constant in CONSTANT_OF_SURFACE.items():
             if constant in self.constants:
                 return name
-        return next(iter(SURFACES))
+        return next(iter(CONSTANT_OF_SURFACE))
 
 
 def of_preset(name: str | None) -> set[str]:
@@ -423,7 +427,7 @@ Length = Annotated[float, _size("length")]
 Mass = Annotated[float, _size("mass")]
 Angle = Annotated[float, _size("angle")]
 Coordinate = Annotated[float, quantity_or(float, "length", "in m")]
-Place = Annotated[Pair[Coordinate], BeforeValidator(pair_of_lengths)]
+Place = Annotated[TwoOf[Coordinate], BeforeValidator(pair_of_lengths)]
 
 
 class ShapeSource(Base):
@@ -498,14 +502,14 @@ InitialSpin = Annotated[
     float,
     quantity_or(
         # The sum turns -0.0 into 0.0.
-        Annotated[float, within("n_i"), AfterValidator(lambda spin: spin + 0.0)],
+        Annotated[float, _within("n_i"), AfterValidator(lambda spin: spin + 0.0)],
         "spin",
         "in sqrt(g/a)",
     ),
 ]
 Oscillation = Annotated[
     float,
-    quantity_or(Annotated[float, within("omega_xy0")], "spin", "in sqrt(g/a)"),
+    quantity_or(Annotated[float, _within("omega_xy0")], "spin", "in sqrt(g/a)"),
 ]
 DIRECTIONS = ("relevant", "pitch", "roll")
 Direction = Annotated[
@@ -532,7 +536,7 @@ class Spin(Base):
 class State(Base):
     """Full initial state of all bodies, in components along the body's axes."""
 
-    omega: Three[Annotated[float, within("n_i")]] = key(
+    omega: Three[Annotated[float, _within("n_i")]] = key(
         ..., "Angular velocity [x, y, z] in sqrt(g/a)."
     )
     u: Vertical = key(
@@ -573,13 +577,13 @@ class Horizon(Base):
 
 def loss_key(loss: Loss) -> Any:
     """Return the type and the field of the key of a constant of dissipation."""
-    number = Annotated[float, within(loss.name)]
+    number = Annotated[float, _within(loss.name)]
     if loss.kind:
         unit = f"in {loss.unit}"
-        item = quantity_or(number, loss.kind, unit, TABLE)
+        item = quantity_or(number, loss.kind, unit, FROM_TABLE)
         meaning = f"{loss.key}, {unit} or with a unit."
     else:
-        item = number_or(number, TABLE)
+        item = number_or(number, FROM_TABLE)
         meaning = f"{loss.key}."
     values = Several[Annotated[float | str, item]]
     if loss.default is None:
@@ -616,7 +620,7 @@ class Dissipation(LossKeys):  # type: ignore[misc]
     @property
     def has_couples(self) -> bool:
         """Whether couples of friction act in some run."""
-        return bool(COUPLES.intersection(self.present))
+        return bool(COUPLE_CONSTANTS.intersection(self.present))
 
     @property
     def law(self) -> str | None:
@@ -747,7 +751,7 @@ def _setting(value: float | str | None) -> Setting:
     """Return a value of a config as a setting."""
     if isinstance(value, Quantity):
         return Setting(si=value)
-    if isinstance(value, str):  # `TABLE`
+    if isinstance(value, str):  # `FROM_TABLE`
         return Setting()
     return Setting(value)
 
@@ -779,7 +783,7 @@ class Config(Base):
     integrator: Integrator = key(Integrator, "Integration method.")
     classify: Classify = key(Classify, "Thresholds between types of runs.")
     record: Annotated[
-        list[Annotated[str, OneOf(RECORDS)]],
+        list[Annotated[str, OneOf(RECORDABLE)]],
         AfterValidator(distinct),
         UNIQUE,
         BeforeValidator(_word_as_list),
@@ -789,7 +793,7 @@ class Config(Base):
     )
     output: str | None = key(None, "Directory; null: out/<name>.", **PATH)
 
-    _places: Places = pydantic.PrivateAttr(default_factory=Places)
+    _places: KeyPlaces = pydantic.PrivateAttr(default_factory=KeyPlaces)
 
     @pydantic.field_validator("name")
     @classmethod
@@ -807,7 +811,7 @@ class Config(Base):
         recorded = {*self.record}
         if self.integrator.goal:
             recorded.add("error")
-        self.__dict__["record"] = [name for name in RECORDS if name in recorded]
+        self.__dict__["record"] = [name for name in RECORDABLE if name in recorded]
         return self
 
     @property
@@ -847,7 +851,7 @@ class Config(Base):
             "tol": self.integrator.goal,
             "turns": {"error", "reversals"} <= {*self.record},
             "chaos": {"lyapunov", "spectrum"} & {*self.record},
-            self.bodies.bottom: SURFACES[self.bodies.bottom],
+            self.bodies.bottom: CONSTANT_OF_SURFACE[self.bodies.bottom],
             "dissipation": self.dissipation,
             **{name: LOSSES[name].optional for name in self.dissipation.present},
         }

@@ -23,7 +23,7 @@ from rattlesweep.units import KINDS, Quantity, quantities, split
 
 T = TypeVar("T")
 MAX_AXIS = 10**6
-ROUNDING = 2e-15  # relative error of a computed power
+_ROUNDING = 2e-15  # relative error of a computed power
 NO_UNIT_VECTOR = "u must be a vector of length 1 with u_z below 0, as [0, 0, -1]"
 AT_REST = "the body stands upright and at rest; give it an angular velocity"
 
@@ -208,7 +208,7 @@ def _by_factors(low: float, high: float, count: int) -> list[float]:
     spaced = []
     for value in values:
         decimal = float(f"{value:.12g}")
-        if abs(decimal - value) <= ROUNDING * abs(value):
+        if abs(decimal - value) <= _ROUNDING * abs(value):
             value = decimal
         spaced.append(value)
     return spaced
@@ -269,7 +269,7 @@ Several = Annotated[
 """A list of distinct items, given as one, as a list, or by linspace."""
 One = Annotated[T, Field()]
 """One item."""
-Pair = Annotated[list[T], Field(min_length=2, max_length=2)]
+TwoOf = Annotated[list[T], Field(min_length=2, max_length=2)]
 Three = Annotated[list[T], Field(min_length=3, max_length=3)]
 Range = Annotated[
     list[T],
