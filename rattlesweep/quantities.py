@@ -346,6 +346,20 @@ _DISSIPATION = (
         most_fitted=1.0,
     ),
     Loss(
+        name="pivot",
+        unit=LENGTH,
+        meaning="lever of the torque against pivoting",
+        kind="length",
+        low=0.0,
+        high=1.0,
+        measure=Measure("pivot_m", "m"),
+        formula=r"$l_\mathrm{pivot}$",
+        key="Torque against pivoting / normal force",
+        letter="pivot",
+        first_values=(1e-4, 1e-3),
+        most_fitted=1.0,
+    ),
+    Loss(
         name="mu",
         unit="1",
         meaning="coefficient of sliding friction",
@@ -442,6 +456,8 @@ LOSSES: dict[str, Loss] = {loss.name: loss for loss in _DISSIPATION}
 CONSTANTS_OF_LAW: dict[str, tuple[str, ...]] = {
     "viscous": ("sigma",),
     "rolling": ("sigma", "rolling"),
+    "pivoting": ("sigma", "pivot"),
+    "rolling_pivoting": ("sigma", "rolling", "pivot"),
 }
 """The laws of friction, with the constants that each takes.
 

@@ -69,8 +69,12 @@ def full_batch(launches: Launches) -> Batch:
         for each in model.law.loss:
             value = launches.losses[each] if isinstance(each, str) else each
             constants.append(np.broadcast_to(value, count))
-        # The last component of the state is the work of dissipation.
-        y0 = np.concatenate([y0, np.zeros((count, 1))], axis=1)
+        if model.law.pivot is not None:
+            # The sense of the spin, which lanes keep.
+            constants.append(np.ones(count))
+        # The last components of the state are works of dissipation.
+        works = model.n_state - y0.shape[1]
+        y0 = np.concatenate([y0, np.zeros((count, works))], axis=1)
     if model.slide is not None:
         constants.append(launches.losses["mu"])
 

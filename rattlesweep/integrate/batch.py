@@ -17,7 +17,7 @@ from rattlesweep.arrays import Flags, Floats, Integers, put, scatter, take
 from rattlesweep.integrate import SettingError, processors
 from rattlesweep.integrate.compile import Kernel, Order, load_kernels
 from rattlesweep.integrate.lanes import kernel as lanes
-from rattlesweep.integrate.lanes import runs, slides
+from rattlesweep.integrate.lanes import pivots, runs, slides
 from rattlesweep.integrate.lanes.lane import INNER, LANES, Problem, addresses_of
 from rattlesweep.integrate.lanes.runs import SHAPES, Recording
 from rattlesweep.integrate.lanes.step import OPTIONS, SUBSTEPS, write_attempt
@@ -56,6 +56,8 @@ def problem_of(
     hooks = runs.hooks_of(model, rimmed)
     if model.slide is not None:
         hooks = slides.RIMMED_HOOKS if rimmed else slides.HOOKS
+    if model.pivot is not None:
+        hooks = pivots.pivoting_hooks(hooks)
     return Problem(model, adaptive, width, hooks, rimmed)
 
 
@@ -294,6 +296,10 @@ class Outcome:
     n_slides: NDArray[np.int32]
     slide_time: Floats  # time spent sliding
     slide_work: Floats  # energy lost by sliding, relative to energy_0
+    # The next three have no rows if the model has no pivoting friction.
+    t_held: Floats  # begin of the first rest of the spin
+    held_time: Floats  # time for which the spin is held
+    pivot_work: Floats  # energy lost by pivoting, relative to energy_0
     # The others have no rows if they were not recorded.
     energy_drift_max: Floats
     contact_ratio_max: Floats
@@ -394,6 +400,8 @@ def integrate(
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
     control.start(count, price)
     width = runs.FIRST_STATE + model.n_state
+    if model.pivot is not None:
+        width += pivots.N_COLUMNS
     if model.slide is not None:
         width += slides.N_COLUMNS
     result = np.full((len(batch), width), np.nan)
@@ -549,7 +557,12 @@ def _outcome(
     result[batch.tapped, runs.GROWTH] = np.nan
     result[batch.tapped, runs.DEPARTURE] = np.nan
     after = runs.FIRST_STATE + model.n_state
-    slid = result[:, after:]
+    held = np.zeros((0, pivots.N_COLUMNS))
+    first_slide = after
+    if model.pivot is not None:
+        first_slide = after + pivots.N_COLUMNS
+        held = result[:, after:first_slide]
+    slid = result[:, first_slide:]
     if model.slide is None:
         slid = np.zeros((0, slides.N_COLUMNS))
     columns: dict[str, Any] = {}
@@ -564,6 +577,9 @@ def _outcome(
         n_slides=slid[:, slides.SLIDES].astype(np.int32),
         slide_time=slid[:, slides.SLIDE_TIME],
         slide_work=slid[:, slides.SLIDE_WORK],
+        t_held=held[:, pivots.T_HELD],
+        held_time=held[:, pivots.HELD_TIME],
+        pivot_work=held[:, pivots.PIVOT_WORK],
         energy_drift_max=recording.energy[:, 0, 0],
         contact_ratio_max=recording.contact[:, 0, 0],
         contact_normal_min=recording.contact[:, 0, 1],

@@ -188,7 +188,7 @@ def observe(problem, states, slips, constants, out):
     for i in range(out.shape[1]):
         y = first_of(states[i], model.n_state)
         slip = Slip(*first_of(slips[i], N_SLIP))
-        out[0, i] = model.spin(*y)
+        out[0, i] = model.spin(y)
         out[1, i], out[2, i], out[3, i] = problem.hooks.observe(model, y, slip, q, mu)
 
 

@@ -14,6 +14,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.physics import (
     frame,
     full,
+    pivoting,
     reduced,
     sliding,
     stone,
@@ -37,7 +38,6 @@ class Slide:
     place: Formula
     # derivative(y, slip, what `place` returns, domega/dt, power of friction): dy
     derivative: Formula
-    has_work: bool  # whether the state has the work of friction
     # Slope beyond which the state says too little about the contact for a slide to
     # begin; such a run is integrated again in the variables of `Model.anywhere`.
     steepest: float = inf
@@ -47,36 +47,42 @@ class Slide:
 class Model:
     """Equations of motion and observed quantities, as compiled functions of scalars.
 
-    ``y`` are the components of the state, ``dy`` its derivative, ``q`` the constants of
-    the body.  In the formulas below, ``p, q`` are slopes and ``a, b, c`` the components
-    of the angular velocity; a probe is the real and the imaginary part of the left
-    eigenvector of the relevant mode.  A term 1e-290 prevents a division by zero.
+    ``y`` is the state, ``dy`` its derivative, ``q`` the constants of the body: tuples
+    of numbers.  In the formulas below, ``p, q`` are slopes and ``a, b, c`` the
+    components of the angular velocity; a probe is the real and the imaginary part of
+    the left eigenvector of the relevant mode.  A term 1e-290 prevents a division by
+    zero.
     """
 
     name: str
     n_state: int
     constants: tuple[str, ...]  # names of ``q``
     n_probe: int  # coefficients of the relevant amplitude
-    rhs: Formula  # rhs(*y, *q): dy
-    spin: Formula  # spin(*y)
-    spin_rate: Formula  # spin_rate(*y, *dy)
-    # amplitude(*y, *probe): square of the amplitude of the relevant oscillation
+    rhs: Formula  # rhs(y, q): dy
+    spin: Formula  # spin(y)
+    spin_rate: Formula  # spin_rate(y, dy)
+    # amplitude(y, probe): square of the amplitude of the relevant oscillation
     amplitude: Formula
-    # error(*e, *y, *q): squares of the error e of a step and of the oscillation to
+    # error(e, y, q): squares of the error e of a step and of the oscillation to
     # compare it with
     error: Formula
-    energy: Formula  # energy(*y, *q): conserved; with friction, the energy minus work
-    contact: Formula  # contact(*y, *q): normal force, then tangential force
-    # limit(*y, *q): positive where the model holds; a run ends where it is zero
+    energy: Formula  # energy(y, q): conserved; with friction, the energy minus work
+    contact: Formula  # contact(y, q): normal force, then tangential force
+    work: Formula  # work(y): work of friction since the launch, negative
+    # limit(y, q): positive where the model holds; a run ends where it is zero
     limit: Formula | None = None
-    # rise(*y, *q): height of the contact over the lowest point of the body, along its z
+    # rise(y, q): height of the contact over the lowest point of the body, along its z
     # axis; None for models without a contact point
     rise: Formula | None = None
     # without it the plane holds the body whatever the force
     slide: Slide | None = None
     surface: Surface | None = None
     law: Friction | None = None  # of a model with friction
-    volume: Formula | None = None  # volume(*y, *q): rate of phase volume
+    # Of a law with a torque against pivoting.  pivot(y, q): the torque along the
+    # vertical and the normal force.  pivot_work(y): its work, negative.
+    pivot: Formula | None = None
+    pivot_work: Formula | None = None
+    volume: Formula | None = None  # volume(y, q): rate of phase volume
     # The same equations in variables that exist in any position.
     anywhere: Model | None = None
     # The same equations for the constant ``k = 0``, where the surface is a paraboloid.
@@ -84,19 +90,19 @@ class Model:
     # Number of components, the last ones, that the state of a sweep lacks.
     n_extra: int = 0
     # Functions x of the state that are cheaper to integrate beside it than to compute
-    # in each stage.  carried_start(*y, *q): x at the start of a step.  carried_rhs(*y,
-    # *x, *q): dy and dx.
+    # in each stage.  carried_start(y, q): x at the start of a step.  carried_rhs(y, x,
+    # q): dy and dx.
     n_carried: int = 0
     carried_start: Formula | None = None
     carried_rhs: Formula | None = None
     # For runs with tangents, small differences, whose components follow each other in
-    # ``v``.  The arguments are tuples.  rate(y, dy, v, q): dv.  seed(y, q): the first
-    # v.  transverse(y, dy, v, q): the part that is measured.
+    # ``v``.  rate(y, dy, v, q): dv.  seed(y, q): the first v.  transverse(y, dy, v, q):
+    # the part that is measured.
     n_tangents: int = 0
     rate: Formula | None = None
     seed: Formula | None = None
     transverse: Formula | None = None
-    square: Formula | None = None  # square(*v, *q): |v|^2 of one tangent
+    square: Formula | None = None  # square(v, q): |v|^2 of one tangent
     # Of a frame of several tangents: factor(v, q): the triangle R of its factors QR.
     # solve(v, R): the tangents Q.  trivial(y, dy, q): squared norms of the flow and of
     # the gradient of the energy.
@@ -110,6 +116,11 @@ class Model:
         return len(self.constants)
 
     @property
+    def surface_constants(self) -> tuple[str, ...]:
+        """The names of the constants of the surface, which follow the moments."""
+        return tuple(name for name in self.constants if name in stone.CONSTANTS[3:])
+
+    @property
     def of_runs(self) -> tuple[str, ...]:
         """The names of all constants of a run: ``q``, and what slides need."""
         if self.slide is None:
@@ -121,47 +132,90 @@ class Model:
         return dict(zip(self.of_runs, values, strict=True))
 
 
-# Bodies that roll without friction: slopes and angular velocity.
+# Bodies in slopes and angular velocity.  The state may have further components.
 
 
 @scalar
-def _spin_rate(p, q, a, b, c, dp, dq, da, db, dc):
+def _rhs(y, q):
+    return full.rhs(*(y + q))
+
+
+@scalar
+def _spin(y):
+    p, q, a, b, c = y[:5]
+    return full.spin(p, q, a, b, c)
+
+
+@scalar
+def _spin_rate(y, dy):
+    p, q, _, _, _ = y[:5]
+    _, _, da, db, dc = dy[:5]
     return full.spin_rate(p, q, da, db, dc)
 
 
 @scalar
-def _amplitude(p, q, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1):
+def _amplitude(y, probe):
+    p, q, a, b, _ = y[:5]
+    return _squared_amplitude(p, q, a, b, probe)
+
+
+@scalar
+def _squared_amplitude(p, q, a, b, probe):
+    p0, q0, a0, b0, p1, q1, a1, b1 = probe
     real = p0 * p + q0 * q + a0 * a + b0 * b
     imag = p1 * p + q1 * q + a1 * a + b1 * b
     return real * real + imag * imag
 
 
 @scalar
-def _error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k=0.0):
+def _error(e, y, constants):
+    ep, eq, ea, eb, ec = e
+    p, q, a, b, _ = y
+    ix, iy, iz, cxx, cxy, cyy = constants[:6]
     step = full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy) + iz * ec * ec
     return step, full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
 
 
 @scalar
-def _volume(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k=0.0):
+def _energy(y, constants):
+    return full.energy(*(y + constants))
+
+
+@scalar
+def _contact(y, constants):
+    return full.contact_force(*(y + constants))
+
+
+@scalar
+def _no_work(y):
+    return 0.0
+
+
+@scalar
+def _volume(y, constants):
+    p, q, a, b, c = y
+    ix, iy, iz, cxx, cxy, cyy = constants[:6]
+    k = constants[6] if len(constants) > 6 else 0.0
     return vectors.smooth_volume(
         -p, -q, -1.0, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, 0.0
     )
 
 
-def _rise(touch: Formula, *, has_work: bool) -> Formula:
-    """Return the height of a surface's contact, as `Model.rise`."""
+def _rise(touch: Formula, *, further: int) -> Formula:
+    """Return the height of a surface's contact, as `Model.rise`.
+
+    ``further`` is the number of its further constants.
+    """
+    last = 6 + further
 
     @scalar
-    def rise(p, q, a, b, c, ix, iy, iz, *shape):
+    def rise(y, constants):
+        p, q, a, b, c = y[:5]
+        shape = constants[3:last]
         _, _, height, _, _, _, _ = touch(p, q, a, b, c, 0.0, 0.0, 0.0, *shape)
         return height
 
-    @scalar
-    def rise_with_work(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
-        return rise(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
-
-    formula: Formula = rise_with_work if has_work else rise
+    formula: Formula = rise
     return formula
 
 
@@ -170,14 +224,15 @@ FULL = Model(
     full.N_STATE,
     full.CONSTANTS,
     n_probe=8,
-    rhs=full.rhs,
-    spin=full.spin,
+    rhs=_rhs,
+    spin=_spin,
     spin_rate=_spin_rate,
     amplitude=_amplitude,
     error=_error,
-    energy=full.energy,
-    contact=full.contact_force,
-    rise=_rise(full.paraboloid, has_work=False),
+    energy=_energy,
+    contact=_contact,
+    work=_no_work,
+    rise=_rise(full.paraboloid, further=0),
     surface=surface.PARABOLOID,
     volume=_volume,
 )
@@ -198,6 +253,11 @@ def _tangent_transverse(y, dy, v, q):
     return tangent.transverse(*(y + dy + v + q))
 
 
+@scalar
+def _tangent_square(v, q):
+    return tangent.square(*(v + q))
+
+
 TANGENT = replace(
     FULL,
     name="full_tangent",
@@ -205,7 +265,7 @@ TANGENT = replace(
     rate=_tangent_rate,
     seed=_tangent_seed,
     transverse=_tangent_transverse,
-    square=tangent.square,
+    square=_tangent_square,
 )
 """The full model with a tangent, for the largest Lyapunov exponent."""
 
@@ -232,12 +292,13 @@ SPIN_KNOWN = 1e-14
 
 
 @scalar
-def _weighted_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
+def _weighted_error(ep, eq, ea, eb, ec, p, q, a, b, c, constants):
     """Return the squares of the error and of the oscillation.
 
     Friction changes the spin in every step; rounding errors of the spin must not reject
     a step.
     """
+    ix, iy, iz, cxx, cxy, cyy = constants[:6]
     size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
     weight = min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
     step = full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy)
@@ -245,83 +306,89 @@ def _weighted_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy
 
 
 @scalar
-def _error_with_friction(
-    ep, eq, ea, eb, ec, ework, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss
-):
-    return _weighted_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+def _error_with_friction(e, y, constants):
+    ep, eq, ea, eb, ec = e[:5]
+    p, q, a, b, c = y[:5]
+    return _weighted_error(ep, eq, ea, eb, ec, p, q, a, b, c, constants)
 
 
 @scalar
-def _spin_with_work(p, q, a, b, c, work):
-    return full.spin(p, q, a, b, c)
+def _work(y):
+    return y[5]
 
 
 @scalar
-def _spin_rate_with_work(p, q, a, b, c, work, dp, dq, da, db, dc, power):
-    return full.spin_rate(p, q, da, db, dc)
+def _pivot_work(y):
+    return y[6]
 
 
 @scalar
-def _amplitude_with_work(p, q, a, b, c, work, p0, q0, a0, b0, p1, q1, a1, b1):
-    return _amplitude(p, q, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1)
-
-
-@scalar
-def _volume_with_friction(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
-    return vectors.volume(
-        -p, -q, -1.0, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss
-    )
+def _volume_with_friction(y, constants):
+    p, q, a, b, c = y[:5]
+    return vectors.volume(-p, -q, -1.0, a, b, c, 0.0, *constants)
 
 
 # Bodies in any position, with or without friction.
 
 
 @scalar
-def _vectors_spin_rate(vx, vy, vz, a, b, c, work, dvx, dvy, dvz, da, db, dc, power):
-    return vectors.spin(vx, vy, vz, da, db, dc, work)
+def _vectors_rhs(y, constants):
+    return vectors.rhs(*(y + constants))
 
 
 @scalar
-def _vectors_amplitude(vx, vy, vz, a, b, c, work, p0, q0, a0, b0, p1, q1, a1, b1):
+def _vectors_spin(y):
+    vx, vy, vz, a, b, c = y[:6]
+    return vectors.spin(vx, vy, vz, a, b, c)
+
+
+@scalar
+def _vectors_spin_rate(y, dy):
+    vx, vy, vz, _, _, _ = y[:6]
+    _, _, _, da, db, dc = dy[:6]
+    return vectors.spin(vx, vy, vz, da, db, dc)
+
+
+@scalar
+def _vectors_amplitude(y, probe):
     # Near the upright position the slopes are -u_x and -u_y.
-    return _amplitude(-vx, -vy, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1)
+    vx, vy, _, a, b, _ = y[:6]
+    return _squared_amplitude(-vx, -vy, a, b, probe)
 
 
 @scalar
-def _vectors_error(
-    ex,
-    ey,
-    ez,
-    ea,
-    eb,
-    ec,
-    ework,
-    vx,
-    vy,
-    vz,
-    a,
-    b,
-    c,
-    work,
-    ix,
-    iy,
-    iz,
-    cxx,
-    cxy,
-    cyy,
-    k,
-    *loss,
-):
-    step, size = _weighted_error(
-        ex, ey, ea, eb, ec, vx, vy, a, b, c, ix, iy, iz, cxx, cxy, cyy
-    )
+def _vectors_error(e, y, constants):
+    ex, ey, ez, ea, eb, ec = e[:6]
+    vx, vy, _, a, b, c = y[:6]
+    step, size = _weighted_error(ex, ey, ea, eb, ec, vx, vy, a, b, c, constants)
     return step + ez * ez, size
 
 
 @scalar
-def _vectors_rise(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
+def _vectors_energy(y, constants):
+    return vectors.energy(*(y[:7] + constants))
+
+
+@scalar
+def _vectors_contact(y, constants):
+    return vectors.contact_force(*(y[:7] + constants))
+
+
+@scalar
+def _vectors_work(y):
+    return y[6]
+
+
+@scalar
+def _vectors_volume(y, constants):
+    return vectors.volume(*(y[:7] + constants))
+
+
+@scalar
+def _vectors_rise(y, constants):
+    vx, vy, vz = y[:3]
     u = vectors.unit(vx, vy, vz)
-    (_, _, z), _ = vectors.contact(*u, cxx, cxy, cyy, k)
+    (_, _, z), _ = vectors.contact(*u, *constants[3:7])
     return 1.0 - z
 
 
@@ -330,15 +397,16 @@ VECTORS = Model(
     vectors.N_STATE,
     vectors.CONSTANTS,
     FULL.n_probe,
-    rhs=vectors.rhs,
-    spin=vectors.spin,
+    rhs=_vectors_rhs,
+    spin=_vectors_spin,
     spin_rate=_vectors_spin_rate,
     amplitude=_vectors_amplitude,
     error=_vectors_error,
-    energy=vectors.energy,
-    contact=vectors.contact_force,
+    energy=_vectors_energy,
+    contact=_vectors_contact,
+    work=_vectors_work,
     rise=_vectors_rise,
-    volume=vectors.volume,
+    volume=_vectors_volume,
 )
 
 
@@ -348,26 +416,35 @@ VECTORS = Model(
 def _frictionless(on: Surface) -> Model:
     """Return the model of a surface with a further constant ``k``, without friction."""
     touch = on.contact
+    surface_energy = on.energy
 
     @scalar
-    def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
-        shape = cxx, cxy, cyy, k
-        return stone.frictionless_rhs(touch, p, q, a, b, c, (ix, iy, iz), shape)
+    def rhs(y, constants):
+        p, q, a, b, c = y
+        return stone.frictionless_rhs(
+            touch, p, q, a, b, c, constants[:3], constants[3:]
+        )
 
     @scalar
-    def contact(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
-        dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
-        shape = cxx, cxy, cyy, k
-        return stone.surface_force(touch, p, q, a, b, c, dp, dq, da, db, dc, shape)
+    def energy(y, constants):
+        return surface_energy(*(y + constants))
+
+    @scalar
+    def contact(y, constants):
+        p, q, a, b, c = y
+        dp, dq, da, db, dc = rhs(y, constants)
+        return stone.surface_force(
+            touch, p, q, a, b, c, dp, dq, da, db, dc, constants[3:]
+        )
 
     model = replace(
         FULL,
         name=on.model,
         constants=stone.CONSTANTS,
         rhs=rhs,
-        energy=on.energy,
+        energy=energy,
         contact=contact,
-        rise=_rise(touch, has_work=False),
+        rise=_rise(touch, further=1),
         surface=on,
         volume=_volume if on.quadric else None,
         anywhere=VECTORS if on.closed else None,
@@ -380,13 +457,15 @@ def _frictionless(on: Surface) -> Model:
     carried_touch = on.carried.contact
 
     @scalar
-    def start(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
-        return (start_at(p, q, cxx, cxy, cyy, k),)
+    def start(y, constants):
+        p, q, _, _, _ = y
+        return (start_at(p, q, *constants[3:]),)
 
     @scalar
-    def carried_rhs(p, q, a, b, c, x, ix, iy, iz, cxx, cxy, cyy, k):
-        shape = cxx, cxy, cyy, k, x
-        f = stone.frictionless_rhs(carried_touch, p, q, a, b, c, (ix, iy, iz), shape)
+    def carried_rhs(y, x, constants):
+        p, q, a, b, c = y
+        shape = constants[3:] + x
+        f = stone.frictionless_rhs(carried_touch, p, q, a, b, c, constants[:3], shape)
         dp, dq, _, _, _ = f
         return f + (rate_at(p, q, dp, dq, *shape),)  # noqa: RUF005
 
@@ -414,22 +493,20 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
     law_rhs = law.rhs or _rhs_of(law)
 
     @scalar
-    def rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
-        y = p, q, a, b, c, work
-        shape = cxx, cxy, cyy, k
-        return law_rhs(touch, y, (ix, iy, iz), shape, loss)
+    def rhs(y, constants):
+        return law_rhs(touch, y, constants[:3], constants[3:7], constants[7:])
 
     @scalar
-    def contact(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
-        y = p, q, a, b, c, work
-        shape = cxx, cxy, cyy, k
-        f = law_rhs(touch, y, (ix, iy, iz), shape, loss)
-        dp, dq, da, db, dc, _ = f
-        return stone.surface_force(touch, p, q, a, b, c, dp, dq, da, db, dc, shape)
+    def contact(y, constants):
+        p, q, a, b, c = y[:5]
+        dp, dq, da, db, dc = rhs(y, constants)[:5]
+        return stone.surface_force(
+            touch, p, q, a, b, c, dp, dq, da, db, dc, constants[3:7]
+        )
 
     @scalar
-    def energy(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
-        return surface_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k) - work
+    def energy(y, constants):
+        return surface_energy(*(y[:5] + constants[:7])) - y[5]
 
     model = replace(
         rolling,
@@ -437,17 +514,17 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
         n_state=stone.N_FRICTION_STATE,
         constants=(*stone.CONSTANTS, *law.constants),
         rhs=rhs,
-        spin=_spin_with_work,
-        spin_rate=_spin_rate_with_work,
-        amplitude=_amplitude_with_work,
         error=_error_with_friction,
         energy=energy,
         contact=contact,
-        rise=_rise(touch, has_work=True),
+        work=_work,
+        rise=_rise(touch, further=1),
         volume=_volume_with_friction if on.quadric and law.in_vectors else None,
         law=law,
         anywhere=rolling.anywhere if law.in_vectors else None,
     )
+    if law.pivot is not None:
+        model = _with_pivot(model, touch, law.pivot)
     if on.carried is None:
         return model
     start_at = on.carried.start
@@ -455,18 +532,32 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
     carried_touch = on.carried.contact
 
     @scalar
-    def start(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
-        return (start_at(p, q, cxx, cxy, cyy, k),)
+    def start(y, constants):
+        p, q, _, _, _ = y[:5]
+        return (start_at(p, q, *constants[3:7]),)
 
     @scalar
-    def carried_rhs(p, q, a, b, c, work, x, ix, iy, iz, cxx, cxy, cyy, k, *loss):
-        y = p, q, a, b, c, work
-        shape = cxx, cxy, cyy, k, x
-        f = law_rhs(carried_touch, y, (ix, iy, iz), shape, loss)
-        dp, dq, _, _, _, _ = f
+    def carried_rhs(y, x, constants):
+        p, q, _, _, _ = y[:5]
+        shape = constants[3:7] + x
+        f = law_rhs(carried_touch, y, constants[:3], shape, constants[7:])
+        dp, dq, _, _, _ = f[:5]
         return f + (rate_at(p, q, dp, dq, *shape),)  # noqa: RUF005
 
     return replace(model, carried_start=start, carried_rhs=carried_rhs)
+
+
+def _with_pivot(model: Model, touch: Formula, parts: Formula) -> Model:
+    """Return a model whose law has a torque against pivoting."""
+
+    @scalar
+    def pivot(y, constants):
+        _, _, torque, normal, _, _ = parts(
+            touch, y, constants[:3], constants[3:7], constants[7:]
+        )
+        return torque, normal
+
+    return replace(model, n_state=pivoting.N_STATE, pivot=pivot, pivot_work=_pivot_work)
 
 
 FRICTIONLESS = {FULL.name: FULL}
@@ -515,16 +606,6 @@ def _contact_of_slope(touch, p, q, a, b, c, shape):
     return (dp, dq), u, (a, b, c), r, (wx, wy, wz)
 
 
-@scalar
-def _inertia_and_shape(ix, iy, iz, *shape):
-    return (ix, iy, iz), shape
-
-
-@scalar
-def _inertia_shape_and_loss(ix, iy, iz, cxx, cxy, cyy, k, *loss):
-    return (ix, iy, iz), (cxx, cxy, cyy, k), loss
-
-
 _NONE = 0.0, 0.0, 0.0
 
 
@@ -536,45 +617,45 @@ def _sliding(rolling: Model, law: Friction | None) -> Model:
 
     @scalar
     def place(y, constants):
-        p, q, a, b, c = y
-        inertia, shape = _inertia_and_shape(*constants)
+        p, q, a, b, c = y[:5]
+        shape = constants[3:]
         rates, u, omega, r, w = _contact_of_slope(touch, p, q, a, b, c, shape)
-        return rates, u, omega, r, w, inertia, _NONE, _NONE
+        return rates, u, omega, r, w, constants[:3], _NONE, _NONE
 
     if law is None:
-        slide = Slide(place, _without_work, has_work=False)
+        slide = Slide(place, _without_work)
         return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
     couples = law.couples
 
     @scalar
     def place_with_friction(y, constants):
-        p, q, a, b, c, _ = y
-        inertia, shape, loss = _inertia_shape_and_loss(*constants)
+        p, q, a, b, c = y[:5]
+        shape = constants[3:7]
         rates, u, omega, r, w = _contact_of_slope(touch, p, q, a, b, c, shape)
-        torque, drag = couples(u, omega, loss)
-        return rates, u, omega, r, w, inertia, torque, drag
+        torque, drag = couples(u, omega, constants[7:], 0.0)
+        return rates, u, omega, r, w, constants[:3], torque, drag
 
-    slide = Slide(place_with_friction, _with_work, has_work=True)
+    slide = Slide(place_with_friction, _with_work)
     return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
 
 
 @scalar
 def _place_in_any_position(y, constants):
-    vx, vy, vz, a, b, c, _ = y
-    inertia, shape, loss = _inertia_shape_and_loss(*constants)
+    vx, vy, vz, a, b, c = y[:6]
+    shape = constants[3:7]
     u = vectors.unit(vx, vy, vz)
     omega = a, b, c
     r, rho = vectors.contact(*u, *shape)
     w = vectors.moving(u, omega, r, rho, *shape)
-    torque, drag = stone.rolling_couples(u, omega, loss)
+    torque, drag = stone.rolling_couples(u, omega, constants[7:], 0.0)
     rates = vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
-    return rates, u, omega, r, w, inertia, torque, drag
+    return rates, u, omega, r, w, constants[:3], torque, drag
 
 
 VECTORS_SLIDING = replace(
     VECTORS,
     name="vectors_sliding",
-    slide=Slide(_place_in_any_position, _with_work, has_work=True),
+    slide=Slide(_place_in_any_position, _with_work),
 )
 
 
@@ -607,29 +688,44 @@ SLIDING = _all_sliding()
 
 
 @scalar
-def _reduced_spin(n, e_p, e_r):
-    return n
+def _reduced_rhs(y, constants):
+    return reduced.rhs(*(y + constants))
 
 
 @scalar
-def _reduced_spin_rate(n, e_p, e_r, dn, de_p, de_r):
-    return dn
+def _reduced_spin(y):
+    return y[0]
 
 
 @scalar
-def _reduced_amplitude(n, e_p, e_r, w_p, w_r):
+def _reduced_spin_rate(y, dy):
+    return dy[0]
+
+
+@scalar
+def _reduced_amplitude(y, probe):
+    _, e_p, e_r = y
+    w_p, w_r = probe
     return w_p * e_p + w_r * e_r
 
 
 @scalar
-def _reduced_contact(n, e_p, e_r, k_p, k_r, inertia):
+def _reduced_energy(y, constants):
+    return reduced.energy(*(y + constants))
+
+
+@scalar
+def _reduced_contact(y, constants):
     return 1.0, 0.0
 
 
 @scalar
-def _reduced_error(dn, de_p, de_r, n, e_p, e_r, k_p, k_r, inertia):
+def _reduced_error(e, y, constants):
     # Each energy is compared with itself: the decaying one determines what happens much
     # later.
+    dn, de_p, de_r = e
+    n, e_p, e_r = y
+    _, _, inertia = constants
     spin = inertia * dn * dn / (inertia * n * n + 2.0 * (e_p + e_r) + 1e-290)
     pitch = de_p * de_p / (e_p * e_p + 1e-290)
     roll = de_r * de_r / (e_r * e_r + 1e-290)
@@ -641,13 +737,14 @@ REDUCED = Model(
     reduced.N_STATE,
     reduced.CONSTANTS,
     n_probe=2,
-    rhs=reduced.rhs,
+    rhs=_reduced_rhs,
     spin=_reduced_spin,
     spin_rate=_reduced_spin_rate,
     amplitude=_reduced_amplitude,
     error=_reduced_error,
-    energy=reduced.energy,
+    energy=_reduced_energy,
     contact=_reduced_contact,
+    work=_no_work,
 )
 
 
@@ -655,13 +752,32 @@ REDUCED = Model(
 
 
 @scalar
-def _zero(*y):
+def _zero(y):
     return 0.0
 
 
 @scalar
-def _no_error(*values):
+def _no_rate(y, dy):
+    return 0.0
+
+
+@scalar
+def _no_amplitude(y, probe):
+    return 0.0
+
+
+@scalar
+def _no_error(e, y, constants):
     return 0.0, 1.0
+
+
+UNSEEN = {
+    "spin": _zero,
+    "spin_rate": _no_rate,
+    "amplitude": _no_amplitude,
+    "error": _no_error,
+}
+"""Formulas of models whose single steps nobody looks at."""
 
 
 @scalar
@@ -670,74 +786,47 @@ def _sliding_track(placed, slip, heading):
     return sliding.track(u, omega, r, w, slip.speed, slip.angle, heading)
 
 
-def _slide_with_attitude(plain: Slide) -> Slide:
-    """Return what a model with heading and contact point needs for sliding."""
-    plain_place = plain.place
-
-    @scalar
-    def place(y, constants):
-        p, q, a, b, c, _, _, _ = y
-        return plain_place((p, q, a, b, c), constants)
-
-    @scalar
-    def place_with_work(y, constants):
-        p, q, a, b, c, work, _, _, _ = y
-        return plain_place((p, q, a, b, c, work), constants)
-
-    @scalar
-    def derivative(y, slip, placed, omega_rate, power):
-        _, _, _, _, _, heading, _, _ = y
-        return placed[0] + omega_rate + _sliding_track(placed, slip, heading)
-
-    @scalar
-    def derivative_with_work(y, slip, placed, omega_rate, power):
-        _, _, _, _, _, _, heading, _, _ = y
-        track = _sliding_track(placed, slip, heading)
-        return placed[0] + omega_rate + (power,) + track
-
-    if plain.has_work:
-        return Slide(place_with_work, derivative_with_work, has_work=True)
-    return Slide(place, derivative, has_work=False)
-
-
 def _with_attitude(plain: Model) -> Model:
     """Return a model with heading and contact point on the plane, for single steps."""
     assert plain.surface is not None
     touch = plain.surface.contact
     plain_rhs = plain.rhs
+    n = plain.n_state
+    last = 3 + len(plain.surface_constants)
 
     @scalar
-    def rhs(p, q, a, b, c, heading, x, y, ix, iy, iz, *shape):
-        f = plain_rhs(p, q, a, b, c, ix, iy, iz, *shape)
-        contact = touch(p, q, a, b, c, f[0], f[1], p * b - q * a, *shape)
-        return f + full.track(p, q, a, b, c, heading, *contact)
-
-    @scalar
-    def rhs_with_work(
-        p, q, a, b, c, work, heading, x, y, ix, iy, iz, cxx, cxy, cyy, k, *loss
-    ):
-        f = plain_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss)
+    def rhs(y, constants):
+        p, q, a, b, c = y[:5]
+        f = plain_rhs(y[:n], constants)
         m = p * b - q * a
-        contact = touch(p, q, a, b, c, f[0], f[1], m, cxx, cxy, cyy, k)
-        return f + full.track(p, q, a, b, c, heading, *contact)
+        contact = touch(p, q, a, b, c, f[0], f[1], m, *constants[3:last])
+        return f + full.track(p, q, a, b, c, y[n], *contact)
 
-    has_work = plain.n_state == stone.N_FRICTION_STATE
-    slide = None
-    if plain.slide is not None:
-        slide = _slide_with_attitude(plain.slide)
+    slide = plain.slide
+    if slide is not None:
+        plain_place = slide.place
+        plain_derivative = slide.derivative
+
+        @scalar
+        def place(y, constants):
+            return plain_place(y[:n], constants)
+
+        @scalar
+        def derivative(y, slip, placed, omega_rate, power):
+            f = plain_derivative(y[:n], slip, placed, omega_rate, power)
+            return f + _sliding_track(placed, slip, y[n])
+
+        slide = replace(slide, place=place, derivative=derivative)
     return replace(
         plain,
         name=f"{plain.name}_attitude",
-        n_state=plain.n_state + full.N_EXTRA,
+        n_state=n + full.N_EXTRA,
         n_probe=0,
         n_extra=full.N_EXTRA,
         n_carried=0,
-        rhs=rhs_with_work if has_work else rhs,
+        rhs=rhs,
         slide=slide,
-        spin=_zero,
-        spin_rate=_zero,
-        amplitude=_zero,
-        error=_no_error,
+        **UNSEEN,
     )
 
 
@@ -745,81 +834,53 @@ def _with_attitude(plain: Model) -> Model:
 # since their start.
 
 
-@scalar
-def _position(vx, vy, vz, a, b, c, work, turned, qx, qy, qz, x, y, z):
-    return (vx, vy, vz, a, b, c, work), (turned, qx, qy, qz)
-
-
-@scalar
-def _rotating_rhs(
-    vx,
-    vy,
-    vz,
-    a,
-    b,
-    c,
-    work,
-    turned,
-    qx,
-    qy,
-    qz,
-    x,
-    y,
-    z,
-    ix,
-    iy,
-    iz,
-    cxx,
-    cxy,
-    cyy,
-    k,
-    *loss,
-):
-    f = vectors.rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss)
-    omega = a, b, c
-    velocity = vectors.rolled(vectors.unit(vx, vy, vz), omega, (cxx, cxy, cyy, k))
-    return f + vectors.carried_on((turned, qx, qy, qz), omega, velocity)
-
-
-@scalar
-def _rotating_place(y, constants):
-    state, _ = _position(*y)
-    return _place_in_any_position(state, constants)
-
-
-@scalar
-def _rotating_derivative(y, slip, placed, omega_rate, power):
-    rates, u, omega, r, w, _, _, _ = placed
-    _, rotation = _position(*y)
-    x, y, z = sliding.cross(r, omega)
-    wx, wy, wz = w
-    ex, ey, ez = sliding.direction(u, slip.angle)
-    velocity = (
-        x - wx + slip.speed * ex,
-        y - wy + slip.speed * ey,
-        z - wz + slip.speed * ez,
-    )
-    moved = vectors.carried_on(rotation, omega, velocity)
-    return rates + omega_rate + (power,) + moved
-
-
 def _with_rotation(plain: Model) -> Model:
     """Return a model in any position with rotation and path, for single steps."""
-    slide = None
-    if plain.slide is not None:
-        slide = Slide(_rotating_place, _rotating_derivative, has_work=True)
+    plain_rhs = plain.rhs
+    n = plain.n_state
+    after_rotation = n + vectors.N_EXTRA - 3
+
+    @scalar
+    def rhs(y, constants):
+        vx, vy, vz, a, b, c = y[:6]
+        f = plain_rhs(y[:n], constants)
+        omega = a, b, c
+        velocity = vectors.rolled(vectors.unit(vx, vy, vz), omega, constants[3:7])
+        return f + vectors.carried_on(y[n:after_rotation], omega, velocity)
+
+    slide = plain.slide
+    if slide is not None:
+        plain_place = slide.place
+        plain_derivative = slide.derivative
+
+        @scalar
+        def place(y, constants):
+            return plain_place(y[:n], constants)
+
+        @scalar
+        def derivative(y, slip, placed, omega_rate, power):
+            _, u, omega, r, w, _, _, _ = placed
+            x, y_, z = sliding.cross(r, omega)
+            wx, wy, wz = w
+            ex, ey, ez = sliding.direction(u, slip.angle)
+            velocity = (
+                x - wx + slip.speed * ex,
+                y_ - wy + slip.speed * ey,
+                z - wz + slip.speed * ez,
+            )
+            f = plain_derivative(y[:n], slip, placed, omega_rate, power)
+            return f + vectors.carried_on(y[n:after_rotation], omega, velocity)
+
+        slide = replace(slide, place=place, derivative=derivative)
     return replace(
         plain,
         name=f"{plain.name}_attitude",
-        n_state=plain.n_state + vectors.N_EXTRA,
+        n_state=n + vectors.N_EXTRA,
         n_probe=0,
         n_extra=vectors.N_EXTRA,
-        rhs=_rotating_rhs,
+        rhs=rhs,
         slide=slide,
-        spin=_zero,
-        spin_rate=_zero,
-        amplitude=_zero,
-        error=_no_error,
+        **UNSEEN,
     )
 
 

@@ -190,7 +190,7 @@ def solve_again(r, h, solved):
 
 
 @scalar
-def viscous_couples(u, omega, loss):
+def viscous_couples(u, omega, loss, creep):
     """Return the couple ``-sigma omega``, and none in proportion to the normal force.
 
     ``u`` is the vertical unit vector.
@@ -201,7 +201,7 @@ def viscous_couples(u, omega, loss):
 
 
 @scalar
-def rolling_couples(u, omega, loss):
+def rolling_couples(u, omega, loss, creep):
     """Return the couple ``-sigma omega``, and the resistance over the normal force."""
     sigma, lever, eps = loss
     a, b, c = omega
@@ -213,14 +213,14 @@ def rolling_couples(u, omega, loss):
 @scalar
 def rhs_of_couples(couples, contact, y, inertia, shape, loss):
     """Return the derivative of state and work under the couples of any law."""
-    p, q, a, b, c, _ = y
+    p, q, a, b, c = y[:5]
     dp, dq, m = slope_rate(p, q, a, b, c)
     touch = contact(p, q, a, b, c, dp, dq, m, *shape)
     fx, fy, rise, wx, wy, wz, uz = touch
     u = (p * uz, q * uz, uz)
     omega = (a, b, c)
     r = (p + fx, q + fy, 1.0 - rise)
-    couple, per_force = couples(u, omega, loss)
+    couple, per_force = couples(u, omega, loss, 0.0)
     rates, solved = acceleration(p, q, a, b, c, *inertia, *couple, *touch)
     normal, _ = force_at(*u, *omega, *rates, *r, wx, wy, wz)
     j = jx, jy, jz = solve_again(r, per_force, solved)
@@ -236,7 +236,7 @@ def rhs_of_couples(couples, contact, y, inertia, shape, loss):
 @scalar
 def viscous_rhs(contact, y, inertia, shape, loss):
     """Return what :func:`rhs_of_couples` does for ``-sigma omega`` alone."""
-    p, q, a, b, c, _ = y
+    p, q, a, b, c = y[:5]
     sigma, _, _ = loss
     dp, dq, m = slope_rate(p, q, a, b, c)
     touch = contact(p, q, a, b, c, dp, dq, m, *shape)
@@ -266,7 +266,7 @@ def resistance(u, omega, r, normal, lever, eps, solved):
 @scalar
 def rolling_rhs(contact, y, inertia, shape, loss):
     """Return what :func:`rhs_of_couples` does for both couples, by one division."""
-    p, q, a, b, c, _ = y
+    p, q, a, b, c = y[:5]
     sigma, lever, eps = loss
     dp, dq, m = slope_rate(p, q, a, b, c)
     touch = contact(p, q, a, b, c, dp, dq, m, *shape)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rattlesweep.arrays import Floats
-from rattlesweep.physics import full, stone
+from rattlesweep.physics import full, pivoting, stone
 
 Formula = Callable[..., Any]  # compiled by `full.scalar`
 
@@ -63,7 +63,8 @@ class Friction:
     """A law of friction: couples on a body that rolls, and their work."""
 
     name: str
-    # couples(u, omega, loss): a couple, and one that is multiplied by the normal force
+    # couples(u, omega, loss, creep): a couple, and one that is multiplied by the normal
+    # force; creep is mu times the speed of sliding, 0 where the body rolls
     couples: Formula
     # The constants ``loss``: what users give, by name, and fixed numbers.
     loss: tuple[str | float, ...]
@@ -72,13 +73,17 @@ class Friction:
     # rhs(contact, y, inertia, shape, loss): derivative of y, with work, if there is a
     # cheaper form than `stone.rhs_of_couples`
     rhs: Formula | None = None
+    # parts(contact, y, inertia, shape, loss): see `pivoting.pivoting_parts`; of a law
+    # with a torque against pivoting, whose sense is a last constant
+    pivot: Formula | None = None
 
     @property
     def constants(self) -> tuple[str, ...]:
         """The names of the constants; a number that is fixed is a smoothing."""
-        return tuple(
+        names = tuple(
             each if isinstance(each, str) else "smoothing" for each in self.loss
         )
+        return names if self.pivot is None else (*names, "sense")
 
 
 PARABOLOID = Surface(
@@ -119,4 +124,18 @@ ROLLING = Friction(
     in_vectors=True,
     rhs=stone.rolling_rhs,
 )
-LAWS = {law.name: law for law in (VISCOUS, ROLLING)}
+PIVOTING = Friction(
+    "pivoting",
+    pivoting.pivoting_couples,
+    ("sigma", "pivot"),
+    rhs=pivoting.pivoting_rhs,
+    pivot=pivoting.pivoting_parts,
+)
+ROLLING_PIVOTING = Friction(
+    "rolling_pivoting",
+    pivoting.rolling_pivoting_couples,
+    (*COUPLES, "pivot"),
+    rhs=pivoting.rolling_pivoting_rhs,
+    pivot=pivoting.rolling_parts,
+)
+LAWS = {law.name: law for law in (VISCOUS, ROLLING, PIVOTING, ROLLING_PIVOTING)}

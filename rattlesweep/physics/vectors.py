@@ -136,7 +136,7 @@ def rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, e
 
 
 @scalar
-def spin(vx, vy, vz, a, b, c, work):
+def spin(vx, vy, vz, a, b, c):
     """Return the spin ``n = u . omega`` (Eq. 46), in ``sqrt(g/a)``."""
     return (vx * a + vy * b + vz * c) / sqrt(vx * vx + vy * vy + vz * vz)
 

@@ -523,7 +523,7 @@ def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Float
     change = (y - other).T
     if model.name == REDUCED.name:
         norm: Any = model.error
-        moved, size = norm.py_func(*change, *y.T, *constants.T)
+        moved, size = norm.py_func(change, y.T, constants.T)
     else:
         # The spin is zero in both states at a reversal.
         named = model.named(constants.T)

@@ -40,7 +40,7 @@ def _every_operation(problem, w, shared, address):
     lane.constants = lanes.first_of(w, problem.model.n_constants)
     write(w, 1, lane.f)
     lanes.barrier()
-    spin = problem.model.spin(*lane.y)
+    spin = problem.model.spin(lane.y)
     before = lanes.fetch_add(shared, 0, 3)
     pair = lanes.call_for_pair(address, (before, 6))
     return read(w, 1), lane.lo, spin, pair, problem.lanes, problem.idle
@@ -60,7 +60,7 @@ def test_every_operation_is_that_of_its_python_twin():
     assert lane.f == tuple(1.25 * y)
     assert lane.run == lane.t == 0
     assert point == lane.lo == (0.25, 7, 0)
-    assert spin == FULL.spin(*y)
+    assert spin == FULL.spin(y)
     assert shared == [8]
     assert numbers == (11, 30)
     assert (width, idle) == (WIDTH, PROBLEM.idle)

@@ -302,9 +302,9 @@ def test_extremes_between_the_steps_are_found(method):
 
 
 @scalar
-def _half_spin(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
+def _half_spin(y, constants):
     """Return a function of the state that is zero where the spin is 0.05."""
-    return full.spin(p, q, a, b, c) - 0.05
+    return full.spin(*y) - 0.05
 
 
 def test_a_run_ends_at_the_limit_of_its_model(monkeypatch):

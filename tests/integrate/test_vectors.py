@@ -53,16 +53,16 @@ def test_equations_are_those_of_mechanics_in_any_position():
         q = constants_of(VECTORS, body, sigma, rolling)
         y = np.concatenate([v / np.linalg.norm(v), omega, [0.0]])
         wanted, force, power = stone_oracle.forces(y, body, sigma, rolling)
-        got = VECTORS.rhs(*v, *omega, 0.3, *q)
+        got = VECTORS.rhs((*v, *omega, 0.3), tuple(q))
         scale = 1 + np.abs(wanted).max()
         np.testing.assert_allclose(got[:3], np.cross(v, omega), atol=1e-14)
         np.testing.assert_allclose(got[3:6], wanted, rtol=0, atol=1e-11 * scale)
         assert got[6] == pytest.approx(power, rel=1e-10, abs=1e-12)
         total = stone_oracle.energy(y, body)
-        assert VECTORS.energy(*v, *omega, 0.3, *q) == pytest.approx(
+        assert VECTORS.energy((*v, *omega, 0.3), tuple(q)) == pytest.approx(
             total - 0.3, abs=1e-11
         )
-        normal, tangential = VECTORS.contact(*v, *omega, 0.3, *q)
+        normal, tangential = VECTORS.contact((*v, *omega, 0.3), tuple(q))
         assert normal == pytest.approx(force @ y[:3], abs=1e-10 * scale)
         across = np.linalg.norm(force - (force @ y[:3]) * y[:3])
         assert tangential == pytest.approx(across, abs=1e-10 * scale)

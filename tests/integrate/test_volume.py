@@ -31,15 +31,16 @@ def test_rate_is_the_trace_of_the_derivative_over_omega(model):
         body, sigma, rolling = of_model(model, body, sigma, rolling)
         state = [*full.from_vectors(u, omega), 0.3][: model.n_state]
         q = constants_of(model, body, sigma, rolling)
-        got = model.volume(*state, *q)
+        got = model.volume(tuple(state), tuple(q))
         with mp.workdps(50):
             y = [mp.mpf(float(x)) for x in state]
             wanted = mp.mpf(0)
             for i in (2, 3, 4):
                 ends = [
-                    rhs(*y[:i], y[i] + s * h, *y[i + 1 :], *map(mp.mpf, map(float, q)))[
-                        i
-                    ]
+                    rhs(
+                        (*y[:i], y[i] + s * h, *y[i + 1 :]),
+                        tuple(map(mp.mpf, map(float, q))),
+                    )[i]
                     for s in (1, -1)
                 ]
                 wanted += (ends[0] - ends[1]) / (2 * h)
@@ -47,7 +48,7 @@ def test_rate_is_the_trace_of_the_derivative_over_omega(model):
         if body["c"] is not None and model.name.endswith("rolling"):
             there = vectors.from_slopes(np.array([state]), np.array([q]))
             other = VECTORS.volume(
-                *(3 * there[0][0, :3]), *there[0][0, 3:], *there[1][0]
+                (*(3 * there[0][0, :3]), *there[0][0, 3:]), tuple(there[1][0])
             )
             assert other == pytest.approx(got, rel=1e-9, abs=1e-12)
 

@@ -21,7 +21,7 @@ def test_equations_are_those_of_mechanics(model):
         state = [*full.from_vectors(u, omega), 0.3][: model.n_state]
         q = constants_of(model, body, sigma, rolling)
         wanted, force, power = stone_oracle.forces(y, body, sigma, rolling)
-        got = model.rhs(*state, *q)
+        got = model.rhs(tuple(state), tuple(q))
         scale = 1 + np.abs(wanted).max()
         np.testing.assert_allclose(got[2:5], wanted, rtol=0, atol=2e-12 * scale)
         p, q_slope = state[:2]
@@ -30,13 +30,13 @@ def test_equations_are_those_of_mechanics(model):
         np.testing.assert_allclose(
             got[:2], slope, rtol=0, atol=1e-13 * (1 + abs(slope).max())
         )
-        normal, tangential = model.contact(*state, *q)
+        normal, tangential = model.contact(tuple(state), tuple(q))
         assert normal == pytest.approx(force @ u, abs=1e-11 * scale)
         across = np.linalg.norm(force - (force @ u) * u)
         assert tangential == pytest.approx(across, abs=1e-11 * scale)
         work = 0.3 if model.n_state == 6 else 0.0
         total = stone_oracle.energy(y, body) - work
-        assert model.energy(*state, *q) == pytest.approx(
+        assert model.energy(tuple(state), tuple(q)) == pytest.approx(
             total, abs=1e-13 * (1 + abs(total))
         )
         if model.n_state == 6:
@@ -59,7 +59,7 @@ def test_the_cheaper_form_of_a_law_is_that_of_its_couples(model):
         body, sigma, rolling = of_model(model, body, sigma, rolling)
         state = *map(float, full.from_vectors(u, omega)), 0.3
         q = [float(x) for x in constants_of(model, body, sigma, rolling)]
-        wanted = model.rhs(*state, *q)
+        wanted = model.rhs(tuple(state), tuple(q))
         got = stone.rhs_of_couples(
             model.law.couples,
             model.surface.contact,
@@ -84,23 +84,23 @@ def test_carried_functions_of_a_step(model):
     for body, u, omega, sigma, rolling in random_bodies(12, 6):
         body, sigma, rolling = of_model(model, body, sigma, rolling)
         with mp.workdps(60):
-            y = [
-                mp.mpf(x) for x in [*full.from_vectors(u, omega), 0.3][: model.n_state]
-            ]
-            q = [mp.mpf(float(x)) for x in constants_of(model, body, sigma, rolling)]
-            (rise,) = start(*y, *q)
-            wanted = plain(*y, *q)
-            *got, rate = carried(*y, rise, *q)
+            numbers = [*full.from_vectors(u, omega), 0.3][: model.n_state]
+            y = tuple(map(mp.mpf, numbers))
+            constants = map(float, constants_of(model, body, sigma, rolling))
+            q = tuple(map(mp.mpf, constants))
+            (rise,) = start(y, q)
+            wanted = plain(y, q)
+            *got, rate = carried(y, (rise,), q)
             assert max(abs(a - b) for a, b in zip(got, wanted, strict=True)) < 1e-50
             h = mp.mpf(10) ** -25
             ahead, behind = (
-                start(*(a + s * b for a, b in zip(y, wanted, strict=True)), *q)[0]
+                start(tuple(a + s * b for a, b in zip(y, wanted, strict=True)), q)[0]
                 for s in (h, -h)
             )
             assert abs((ahead - behind) / (2 * h) - rate) < 1e-30
             # An error of the rise enters squared.
             off = rise * (1 + mp.mpf(10) ** -8)
-            nearly = carried(*y, off, *q)
+            nearly = carried(y, (off,), q)
             assert (
                 max(abs(a - b) for a, b in zip(nearly, (*got, rate), strict=True))
                 < 1e-12

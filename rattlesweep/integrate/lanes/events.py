@@ -31,7 +31,7 @@ from math import ceil, floor, sqrt
 
 from numba import njit
 
-from rattlesweep.integrate.lanes.lane import INNER, Lane, Point
+from rattlesweep.integrate.lanes.lane import INNER, SMOOTH, Lane, Point
 from rattlesweep.physics.full import scalar
 
 # Modes of a lane.
@@ -115,6 +115,12 @@ def may_be_far(lane):  # type: ignore[no-untyped-def]
     awaited = lane.awaited
     path = abs(lane.n0) + n1 + 2.0 * lane.h * recent
     return (n1 > awaited) | (path > 2.0 * awaited)
+
+
+@scalar
+def counts_zeros(lane):  # type: ignore[no-untyped-def]
+    """Return whether zeros of the spin are events within a smooth motion."""
+    return (lane.arm == 0.0) & (lane.spin_ends == SMOOTH)
 
 
 @njit(**INNER)
@@ -201,7 +207,7 @@ def _scan(lane: Lane, tried: float) -> int:
     """Decide on the piece from LO to END, and on later ones whose ends are known."""
     while True:
         verdict = _CLEAR
-        if lane.searched == LIMIT or lane.arm == 0.0:
+        if lane.searched == LIMIT or counts_zeros(lane):
             verdict = _judge(lane.lo, lane.end, _sign(lane))
         if verdict == _ZERO:
             lane.hi = lane.end

@@ -33,7 +33,9 @@ from rattlesweep.integrate.lanes.events import (
     may_reverse,
 )
 from rattlesweep.integrate.lanes.lane import (
+    HELD,
     INNER,
+    TURNS,
     Point,
     call,
     call_for_pair,
@@ -137,13 +139,13 @@ def search_zeros(lane):
             # No zero counts yet; UNKNOWN_RATE makes every step due (`may_reverse`).
             lane.rate_max = runs.UNKNOWN_RATE
             lane.far_rate = max(0.9 * lane.far_rate, abs(lane.rate1))
-    if lane.searched == events.LIMIT or (lane.mode == STEP and lane.leaves > 0.0):
+    reverses = may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
+    leaves = lane.leaves > 0.0 or (lane.spin_ends == TURNS and reverses)
+    if lane.searched == events.LIMIT or (lane.mode == STEP and leaves):
         move = events.search_limit(lane)
     if move != TAKE:
         return move
-    crosses = False
-    if lane.arm == 0.0 and lane.sign != 0.0:
-        crosses = may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
+    crosses = reverses and events.counts_zeros(lane) and lane.sign != 0.0
     if lane.mode == STEP and not crosses and not may_be_far(lane):
         return TAKE
     start = Point(0.0, lane.n0, lane.rate0)
@@ -184,6 +186,8 @@ def decide(problem, w, dt, max_steps):
         reverses = may_reverse(h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
         if problem.model.n_tangents > 1:
             reverses &= lane.sign != 0.0
+        if problem.pivots:
+            reverses &= lane.spin_ends != HELD
         # With 'or' instead of '|' the later operands would be loaded under a mask.
         due = (
             reverses
@@ -289,7 +293,7 @@ def try_step(problem, parts, w, options, recording):
     """Try a step on every lane, decide on it, and return how many lanes are due."""
     call(parts[ATTEMPT], (problem, w, options[SCALE]))
     if problem.limited:
-        runs.observe_limit(problem, w)
+        problem.hooks.observe_limit(problem, w)
     if recorded(recording.contact):
         runs.observe_contact(problem, w)
     if problem.slides:
@@ -305,7 +309,7 @@ def try_step(problem, parts, w, options, recording):
 def look_closer(problem, parts, w, l, max_steps, recording):
     """Decide on the step tried on lane ``l``, which is due; return a status and a move.
 
-    Where a model slides, the lane changes between rolling and sliding.
+    At a limit the lane may change its way of moving.
     """
     lane = lane_of(problem, w, l)
     if problem.hooks.left(lane, lane.y) <= 0.0:
@@ -318,7 +322,7 @@ def look_closer(problem, parts, w, l, max_steps, recording):
         # The step ends before the horizon.
         lane.last = 0.0
     if status != OK or move != HOLD:
-        status = problem.hooks.change(lane, status)
+        status, move = problem.hooks.change(lane, status, move, recording)
     return status, move
 
 

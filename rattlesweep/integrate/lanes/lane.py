@@ -188,6 +188,10 @@ class Slip(NamedTuple):
     work: float  # of sliding friction since the launch, negative
 
 
+# What zeros of the spin are to a lane: points of a smooth motion, ends of a motion, or
+# the motion itself.
+SMOOTH, TURNS, HELD = 0.0, 1.0, 2.0
+
 # Columns of a table of slips.
 SLIP_SPEED, SLIP_ANGLE, SLIP_WORK, N_SLIP = range(4)
 
@@ -319,6 +323,13 @@ class Fields:
     h_rolling: Number  # size of the step before the last slide
     refused: Number  # status of a body that can neither roll nor slide at launch, or 0
 
+    # Spins held at zero; used by models with pivoting friction.
+    spin_ends: Number  # what a zero of the spin is: SMOOTH, TURNS, HELD
+    t_held: Number  # begin of the first rest, -1 for none
+    t_hold: Number  # begin of the last one
+    held_time: Number  # time held in rests that have ended
+    rate_held: Number  # `rate_max` at the begin of the last one
+
     # Reversals; times are -1 for none.
     t_zero: Number  # first zero of the spin
     t_pending: Number  # first zero since the spin was last far
@@ -421,12 +432,14 @@ class Hooks:
     limit: Callable[..., Point]
     # left(lane, y): height from the contact up to the rim; 1 without a rim
     left: Callable[..., float]
+    # Compute the limit and what it asks for at the end of the step on all lanes.
+    observe_limit: Callable[..., None]
     # At the end of the step: the energy minus the work of friction, and this work.
     energy: Callable[..., float]
     work: Callable[..., float]
-    # After a step that is taken or ends the run, with a status: what the lane changes
-    # to, and the status then.
-    change: Callable[..., int]
+    # After a step that is taken or ends the run, with a status and a move: what the
+    # lane changes to, and the status and the move then.
+    change: Callable[..., tuple[int, int]]
     # observe(model, y, slip, constants, mu): energy minus work, normal and tangential
     # force
     observe: Callable[..., tuple[float, float, float]]
@@ -464,7 +477,9 @@ class Problem:
             constants = (1.0,) * model.n_constants
             self.idle = state, constants, (0.0,) * model.n_probe
             self.slides = model.slide is not None
-            self.limited = self.slides or rimmed or model.limit is not None
+            self.pivots = model.pivot is not None
+            has_limit = self.slides or self.pivots or model.limit is not None
+            self.limited = has_limit or rimmed
         self.model = model
         self.hooks = hooks
         self.name = f"{model.name if model else 'any'}_"

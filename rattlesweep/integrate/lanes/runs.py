@@ -143,7 +143,7 @@ def goes_on(problem, recording):
 @njit(fastmath=FASTMATH, **INNER)
 def energy_at(lane, y):
     """Return the energy of a lane's body in the state ``y``."""
-    return lane.problem.model.energy(*(y + lane.constants))
+    return lane.problem.model.energy(y, lane.constants)
 
 
 @njit(**INNER)
@@ -155,36 +155,35 @@ def energy_after(lane):
 @njit(**INNER)
 def work_after(lane):
     """Return the work of friction until the end of the step, which is negative."""
-    # With friction, the last component of the state.
-    return lane.y1[-1]
+    return lane.problem.model.work(lane.y1)
 
 
 @njit(fastmath=FASTMATH, **INNER)
 def observe(model, y, slip, constants, mu):
     """Return the energy minus the work, and the normal and tangential force."""
-    normal, tangential = model.contact(*(y + constants))
-    return model.energy(*(y + constants)), normal, tangential
+    normal, tangential = model.contact(y, constants)
+    return model.energy(y, constants), normal, tangential
 
 
 @njit(**INNER)
-def unchanged(lane, status):
-    """Return the status; the lane goes on as it is."""
-    return status
+def unchanged(lane, status, move, recording):
+    """Return status and move; the lane goes on as it is."""
+    return status, move
 
 
 @njit(**INNER)
-def past_rim(lane, status):
-    """Return the status of a run that has no limit but the rim."""
-    return RIM if status == LIMIT else status
+def past_rim(lane, status, move, recording):
+    """Return status and move of a run that has no other limit but the rim."""
+    return RIM if status == LIMIT else status, move
 
 
 @njit(fastmath=FASTMATH, **INNER)
 def derive(lane):
     """Set the derivative at the start of the step, and return spin and its rate."""
     y = lane.y
-    f = lane.problem.model.rhs(*(y + lane.constants))
+    f = lane.problem.model.rhs(y, lane.constants)
     lane.f = f
-    return lane.problem.model.spin(*y), lane.problem.model.spin_rate(*(y + f))
+    return lane.problem.model.spin(y), lane.problem.model.spin_rate(y, f)
 
 
 # Amplitudes and windows.
@@ -243,7 +242,7 @@ def settled(lane, most):
     """
     if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0 or lane.t_zero >= 0.0:
         return False
-    _, oscillation = lane.problem.model.error(*(lane.y1 + lane.y1 + lane.constants))
+    _, oscillation = lane.problem.model.error(lane.y1, lane.y1, lane.constants)
     return oscillation <= most
 
 
@@ -265,9 +264,9 @@ def contact_points(lane, h, y, f):
     # at which an extreme is evaluated.
     ahead = DIFFERENCE / lane.swing
     contact = lane.problem.model.contact
-    normal, tangential = contact(*(y + lane.constants))
+    normal, tangential = contact(y, lane.constants)
     ratio = tangential / abs(normal)
-    later_normal, tangential = contact(*(moved(y, f, ahead) + lane.constants))
+    later_normal, tangential = contact(moved(y, f, ahead), lane.constants)
     rate = (tangential / abs(later_normal) - ratio) / ahead
     lift_rate = (normal - later_normal) / ahead
     return Point(h, ratio, rate), Point(h, -normal, lift_rate)
@@ -278,8 +277,8 @@ def limit_point(lane, h, y, f):
     """Return the limit of the model."""
     ahead = DIFFERENCE / lane.swing
     limit = lane.problem.model.limit
-    now = limit(*(y + lane.constants))
-    later = limit(*(moved(y, f, ahead) + lane.constants))
+    now = limit(y, lane.constants)
+    later = limit(moved(y, f, ahead), lane.constants)
     return Point(h, now, (later - now) / ahead)
 
 
@@ -298,7 +297,7 @@ def no_rim(lane, y):
 @scalar
 def below_rim(lane, y):
     """Return the height that is left between the contact and the rim."""
-    return lane.rim - lane.problem.model.rise(*(y + lane.constants))
+    return lane.rim - lane.problem.model.rise(y, lane.constants)
 
 
 @scalar
@@ -584,7 +583,7 @@ def start_tangent(lane):
     model = lane.problem.model
     lane.v = model.seed(lane.y, lane.constants)
     p, q, a, b, c = model.transverse(lane.y, lane.f, lane.v, lane.constants)
-    norm = sqrt(model.square(p, q, a, b, c, *lane.constants))
+    norm = sqrt(model.square((p, q, a, b, c), lane.constants))
     v = p / norm, q / norm, a / norm, b / norm, c / norm
     lane.v = v
     # All components but the last are read again.  This decides which products are
@@ -604,7 +603,7 @@ def advance_tangent(problem, w):
         lane.g = lane.g1
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        size = problem.model.square(*(lane.v + lane.constants))
+        size = problem.model.square(lane.v, lane.constants)
         factor = SHORTER if size > LONG else 1.0
         factor = LONGER if size < SHORT else factor
         out = 1.0 * SHIFT if size > LONG else 0.0
@@ -627,7 +626,7 @@ def note_tangent(lane, t, run, k, growths):
     """Store the time and the tangent's growth in row ``k``."""
     barrier()
     growths[run, k, 0] = t
-    growth = 0.5 * log(lane.problem.model.square(*(lane.v1 + lane.constants)))
+    growth = 0.5 * log(lane.problem.model.square(lane.v1, lane.constants))
     growths[run, k, 1] = growth + LOG_2 * lane.shift
     barrier()
 
@@ -761,6 +760,7 @@ def hooks_of(model: Model, rimmed: bool) -> Hooks:
         advance=advance,
         limit=no_limit if model.limit is None else limit_point,
         left=no_rim,
+        observe_limit=observe_limit,
         energy=energy_after,
         work=work_after,
         change=unchanged,

@@ -316,12 +316,11 @@ def squared_error(lane, rates, scale):
             fifth[c] += lane.h * FIFTH[i] * rates[i, c]
             third[c] += lane.h * THIRD[i] * rates[i, c]
     error = lane.problem.model.error
-    state = lane.y1 + lane.constants
     state_error, slip_error = stage_of(lane, fifth)
-    high, size = error(*(state_error + state))
+    high, size = error(state_error, lane.y1, lane.constants)
     high += squared_slip(slip_error, lane.slip1.speed)
     state_error, slip_error = stage_of(lane, third)
-    low, _ = error(*(state_error + state))
+    low, _ = error(state_error, lane.y1, lane.constants)
     low += squared_slip(slip_error, lane.slip1.speed)
     fall = high / (low + 1e-290)
     return high * fall * fall / max(size / scale, squared_rounding(lane))
@@ -334,9 +333,9 @@ def observe(lane, contact_recorded):
     y = lane.y1
     f = lane.f1
     slip = lane.slip1
-    lane.n1 = model.spin(*y)
-    lane.rate1 = model.spin_rate(*(y + f))
-    lane.amplitude = model.amplitude(*(y + lane.probe))
+    lane.n1 = model.spin(y)
+    lane.rate1 = model.spin_rate(y, f)
+    lane.amplitude = model.amplitude(y, lane.probe)
     set_limit(lane)
     limit = lane.limit1
     dips = may_peak(runs.below(lane.limit0), runs.below(limit), 0.0)
@@ -446,7 +445,7 @@ def try_slide(lane, scale, contact_recorded):
     stiffness = np.empty(STAGES)
     solved = False
     predict(lane, now, stages)
-    _, size = model.error(*(lane.y + lane.y + lane.constants))
+    _, size = model.error(lane.y, lane.y, lane.constants)
     enough = max(SOLVED * SOLVED * size / scale, squared_rounding(lane))
     for _ in range(MAX_SWEEPS):
         change = sweep(lane, stages, rates, stiffness)
@@ -488,10 +487,10 @@ def hold_point(lane, h, y, f):
     ahead = runs.DIFFERENCE / lane.swing
     contact = lane.problem.model.contact
     left = lane.problem.hooks.left
-    normal, tangential = contact(*(y + lane.constants))
+    normal, tangential = contact(y, lane.constants)
     now = (lane.mu * normal - tangential) * left(lane, y)
     y_later = moved(y, f, ahead)
-    normal, tangential = contact(*(y_later + lane.constants))
+    normal, tangential = contact(y_later, lane.constants)
     later = (lane.mu * normal - tangential) * left(lane, y_later)
     return Point(h, now, (later - now) / ahead)
 
@@ -533,7 +532,7 @@ def slide_from_rest(lane):
         return why_not(contact)
     lane.slip1 = slip
     lane.f1 = motion.f
-    lane.rate1 = lane.problem.model.spin_rate(*(lane.y1 + motion.f))
+    lane.rate1 = lane.problem.model.spin_rate(lane.y1, motion.f)
     set_limit(lane)
     lane.h_next = FIRST_ANGLE / lane.swing
     lane.root = 1.0
@@ -566,12 +565,12 @@ def end(lane, t):
     y = lane.y1
     # The force jumps here, and both its values count.
     runs.note_contact(lane)
-    f = lane.problem.model.rhs(*(y + lane.constants))
+    f = lane.problem.model.rhs(y, lane.constants)
     limit = hold_point(lane, lane.h, y, f)
     if limit.value <= 0.0:
         return slide_from_rest(lane)
     lane.f1 = f
-    lane.rate1 = lane.problem.model.spin_rate(*(y + f))
+    lane.rate1 = lane.problem.model.spin_rate(y, f)
     lane.limit1 = limit
     lane.ratio1, lane.lift1 = runs.contact_points(lane, lane.h, y, f)
     lane.h_next = lane.h_rolling
@@ -581,11 +580,17 @@ def end(lane, t):
 
 
 @njit(**INNER)
-def change(lane, status):
+def change(lane, status, move, recording):
     """Change between rolling and sliding after a step that is taken or ends the run.
 
-    Return a status.
+    Return a status and the move.
     """
+    return status_after(lane, status), move
+
+
+@njit(**INNER)
+def status_after(lane, status):
+    """Change between rolling and sliding; return a status."""
     if lane.refused > 0.0:
         return int(lane.refused)
     if status == LIMIT and lane.problem.hooks.left(lane, lane.y1) < AT_RIM:
@@ -647,7 +652,7 @@ def energy_of(model, y, slip, constants):
     """Return the energy minus the work of friction of a body that may slide."""
     _, u, omega, r, _, _, _, _ = model.slide.place(y, constants)
     moving = slip_energy(u, omega, r, slip.speed, slip.angle)
-    return model.energy(*(y + constants)) + moving - slip.work
+    return model.energy(y, constants) + moving - slip.work
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -667,8 +672,7 @@ def energy(lane):
 @njit(**INNER)
 def work(lane):
     """Return the work of friction until the end of the step, which is negative."""
-    rolled = lane.y1[-1] if lane.problem.model.slide.has_work else 0.0
-    return rolled + lane.slip1.work
+    return lane.problem.model.work(lane.y1) + lane.slip1.work
 
 
 @njit(**INNER)
@@ -691,7 +695,7 @@ def observe_body(model, y, slip, constants, mu):
     if slip.speed > 0.0:
         normal, tangential = force_of(model, y, slip, constants, mu)
     else:
-        normal, tangential = model.contact(*(y + constants))
+        normal, tangential = model.contact(y, constants)
     return energy_of(model, y, slip, constants), normal, tangential
 
 
@@ -702,6 +706,7 @@ HOOKS = Hooks(
     advance=advance,
     limit=hold_point,
     left=runs.no_rim,
+    observe_limit=runs.observe_limit,
     energy=energy,
     work=work,
     change=change,

@@ -86,15 +86,16 @@ class _Attempt:
         for i in range(1, tableau.stages):
             values = self.sums(n, tableau.a[i], stages, y, share)
             rows = span(stages[i], n)
-            rhs = "rhs"
+            rhs = f"rhs(q[:{n}], q[{n}:])"
             if n_carried:
                 more = self.sums(n_carried, tableau.a[i], rates, carried, share)
                 values += f" + {more}"
                 rows += f" + {span(rates[i], n_carried)}"
-                rhs = "carried_rhs"
+                end = n + n_carried
+                rhs = f"carried_rhs(q[:{n}], q[{n}:{end}], q[{end}:])"
             body = [
                 f"q = {self.gather(values)}(w, l)",
-                f"f = problem.model.{rhs}(*q)",
+                f"f = problem.model.{rhs}",
                 f"{self.scatter(rows)}(w, l, f)",
             ]
             if not model.n_tangents:
@@ -114,8 +115,8 @@ class _Attempt:
             self.add_volume(y, share)
         body = [
             f"q = {self.gather(self.sums(n, tableau.b, stages, y, share))}(w, l)",
-            "f = problem.model.rhs(*q)",
             f"y = q[:{n}]",
+            f"f = problem.model.rhs(y, q[{n}:])",
             "lane.y1 = y",
             "lane.f1 = f",
         ]
@@ -140,10 +141,10 @@ class _Attempt:
         write = self.scatter(span(carried, 2 * self.model.n_carried))
         # Only the last derivatives are used, and LLVM drops the computation of the
         # others.
-        rate = f"problem.model.carried_rhs(*(q[:{n}] + x + q[{n}:]))[{n}:]"
+        rate = f"problem.model.carried_rhs(q[:{n}], x, q[{n}:])[{n}:]"
         self.loop(
             f"q = {read}(w, l)",
-            "x = problem.model.carried_start(*q)",
+            f"x = problem.model.carried_start(q[:{n}], q[{n}:])",
             f"{write}(w, l, x + {rate})",
         )
 
@@ -154,8 +155,13 @@ class _Attempt:
             values = span(y, n)
             if i:
                 values = self.sums(n, self.tableau.a[i], self.stages, y, share)
-            rate = f"problem.model.volume(*{self.gather(values)}(w, l))"
-            self.loop(f"lane.volume_rate1 += {share * weight} * {rate}", barriers=True)
+            read = self.gather(values)
+            rate = f"problem.model.volume(q[:{n}], q[{n}:])"
+            self.loop(
+                f"q = {read}(w, l)",
+                f"lane.volume_rate1 += {share * weight} * {rate}",
+                barriers=True,
+            )
 
     def errors(self) -> None:
         """Write the computation of the squared error, in units of the tolerance."""
@@ -164,7 +170,9 @@ class _Attempt:
         for k, row in enumerate(self.tableau.errors):
             values = self.sums(n, row, [*self.stages, self.at.f1])
             read = self.gather(f"{values} + {span(self.at.y, n)}")
-            body.append(f"e{k}, size = problem.model.error(*{read}(w, l))")
+            body.append(f"q = {read}(w, l)")
+            arguments = f"q[:{n}], q[{n}:{2 * n}], q[{2 * n}:]"
+            body.append(f"e{k}, size = problem.model.error({arguments})")
         blend = "e0"
         if len(self.tableau.errors) == 2:
             # Hairer's blend of the estimates of fifth and third order (dop853.f); both
@@ -228,9 +236,9 @@ class _Attempt:
 
 # Spin, its rate and the amplitude in the state ``y`` with derivative ``f``.
 SEEN = (
-    "lane.n1 = problem.model.spin(*y)",
-    "lane.rate1 = problem.model.spin_rate(*(y + f))",
-    "lane.amplitude = problem.model.amplitude(*(y + lane.probe))",
+    "lane.n1 = problem.model.spin(y)",
+    "lane.rate1 = problem.model.spin_rate(y, f)",
+    "lane.amplitude = problem.model.amplitude(y, lane.probe)",
 )
 
 

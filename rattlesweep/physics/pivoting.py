@@ -1,0 +1,211 @@
+"""Pivoting friction: the patch of contact rubs as the body turns about a vertical.
+
+While the body rolls with the spin ``n``, the torque along the vertical ``u`` is ``-l
+F_n sign(n)``, with the lever ``l`` and the normal force ``F_n``.  The sign is constant
+between two zeros of the spin: the ``sense``.  At a zero the plane may hold
+the spin, as long as the torque that keeps it at zero is at most ``l F_n``; the sense is
+then 0.  The torque changes ``F_n`` itself.
+
+While the contact point slides at the speed ``v``, the torque is smaller.  For Coulomb's
+law in each point of a circular patch under Hertz's pressure, with the radius ``e = 16 l
+/ (3 pi mu)`` and ``x = v / (e |n|)``, it is ``-l F_n m(x) sign(n)`` with the ``m`` of
+:func:`share_of_lever` (from the potential of Hertz's pressure; compare Zhuravlev 1998).
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+from math import asin, pi, sqrt
+
+from rattlesweep.physics.full import acceleration, scalar, slope_rate
+from rattlesweep.physics.stone import dot, rolling_couples, solve_again, triple
+
+N_STATE = 7  # with the work of all friction and that of pivoting
+# Rate, in sqrt(g/a), at which rounding errors of a spin that is held decay.
+RETURN = 1.0
+# Speed of sliding, in sqrt(g a), that is added to the others in `share_of_lever`: the
+# spin's decay is stiff where both it and the speed are small.
+LEAST_SPEED = 1e-9
+
+
+@scalar
+def share_of_lever(x):
+    """Return ``m(x)``, the torque of a sliding patch over the one without sliding."""
+    square = x * x
+    if x <= 1.0:
+        return 1.0 - square + 0.375 * square * square
+    if x > 30.0:
+        # The terms of the closed form cancel; the next one is 0.009 / x^6.
+        far = 1.0 + (1.0 + 0.25 / square) / (14.0 * square)
+        return 16.0 / (15.0 * pi) * far / x
+    angle = asin(1.0 / x)
+    root = sqrt(square - 1.0)
+    whole = (2.0 - 2.0 * square + 0.75 * square * square) * angle
+    return (whole + 0.25 * root * (6.0 - 3.0 * square)) / pi
+
+
+@scalar
+def sliding_drag(u, n, lever, creep):
+    """Return the torque of pivoting per normal force of a body that slides.
+
+    ``creep`` is ``mu`` times the speed of sliding.
+    """
+    size = abs(n) + 1e-290
+    x = creep * (3.0 * pi / 16.0) / (lever * size + 1e-290)
+    share = -lever * share_of_lever(x)
+    if n < 0.0:
+        share = -share
+    if n == 0.0:
+        share = 0.0
+    return share * u[0], share * u[1], share * u[2]
+
+
+@scalar
+def torque_at(u, omega, r, rates, normal, j, lever, sense):
+    """Return the torque along ``u``, and the normal force with it.
+
+    ``rates`` and ``normal`` are those without the torque, ``j = J^-1 u``.
+    """
+    lift = triple(u, r, j)
+    if sense == 0.0:
+        # The spin rests: its rate is u . domega/dt.
+        above = -(dot(u, rates) + RETURN * dot(u, omega))
+        below = dot(u, j)
+    else:
+        above = -lever * sense * (0.5 * (normal + abs(normal)))
+        below = 1.0 + lever * sense * lift
+    torque = above / below
+    return torque, normal + torque * lift
+
+
+@scalar
+def _smooth_parts(contact, y, inertia, shape, couple):
+    """Return vectors and rates of a body under gravity and a couple."""
+    p, q, a, b, c = y[:5]
+    dp, dq, m = slope_rate(p, q, a, b, c)
+    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
+    fx, fy, rise, wx, wy, wz, uz = touch
+    rates, solved = acceleration(p, q, a, b, c, *inertia, *couple, *touch)
+    u = (p * uz, q * uz, uz)
+    omega = (a, b, c)
+    r = (p + fx, q + fy, 1.0 - rise)
+    w = (wx, wy, wz)
+    return (dp, dq), u, omega, r, w, rates, solved
+
+
+@scalar
+def normal_of(u, omega, r, w, rates):
+    """Return the normal force: ``F = u + r x domega/dt + omega x w`` along ``u``."""
+    return 1.0 + triple(u, r, rates) + triple(u, omega, w)
+
+
+@scalar
+def pivoting(u, omega, r, w, rates, solved, lever, sense):
+    """Return ``domega/dt`` with the torque of pivoting, it, and the normal force."""
+    normal = normal_of(u, omega, r, w, rates)
+    j = jx, jy, jz = solve_again(r, u, solved)
+    torque, normal = torque_at(u, omega, r, rates, normal, j, lever, sense)
+    da, db, dc = rates
+    changed = da + torque * jx, db + torque * jy, dc + torque * jz
+    return changed, torque, normal
+
+
+@scalar
+def rolling_and_pivoting(u, omega, r, w, rates, solved, loss):
+    """Return what :func:`pivoting` does, and the power of the rolling resistance.
+
+    The resistance and the torque both depend on the normal force, and change it.
+    """
+    _, _, _, lever, sense = loss
+    normal = normal_of(u, omega, r, w, rates)
+    _, drag = rolling_couples(u, omega, loss[:3], 0.0)
+    roll = solve_again(r, drag, solved)
+    # With the resistance: the normal force and the rates it causes.
+    kept = 1.0 - triple(u, r, roll)
+    normal = normal / kept
+    normal = 0.5 * (normal + abs(normal))
+    a1, b1, c1 = roll
+    da, db, dc = rates
+    rates = da + normal * a1, db + normal * b1, dc + normal * c1
+    # The torque lifts the body, which changes the resistance.
+    j = jx, jy, jz = solve_again(r, u, solved)
+    lift = triple(u, r, j) / kept
+    j = jx + lift * a1, jy + lift * b1, jz + lift * c1
+    if sense == 0.0:
+        above = -(dot(u, rates) + RETURN * dot(u, omega))
+        below = dot(u, j)
+    else:
+        above = -lever * sense * normal
+        below = 1.0 + lever * sense * lift
+    torque = above / below
+    normal = normal + torque * lift
+    jx, jy, jz = j
+    da, db, dc = rates
+    changed = da + torque * jx, db + torque * jy, dc + torque * jz
+    return changed, torque, normal, normal * dot(drag, omega)
+
+
+@scalar
+def pivoting_parts(contact, y, inertia, shape, loss):
+    """Return rates of the position, ``domega/dt``, torque, normal force and power.
+
+    The power is that of the other friction.
+    """
+    sigma, lever, sense = loss
+    _, _, a, b, c = y[:5]
+    couple = -sigma * a, -sigma * b, -sigma * c
+    place, u, omega, r, w, rates, solved = _smooth_parts(
+        contact, y, inertia, shape, couple
+    )
+    changed, torque, normal = pivoting(u, omega, r, w, rates, solved, lever, sense)
+    return place, changed, torque, normal, dot(couple, omega), dot(u, omega)
+
+
+@scalar
+def rolling_parts(contact, y, inertia, shape, loss):
+    """Return what :func:`pivoting_parts` does, with rolling resistance."""
+    sigma = loss[0]
+    _, _, a, b, c = y[:5]
+    couple = -sigma * a, -sigma * b, -sigma * c
+    place, u, omega, r, w, rates, solved = _smooth_parts(
+        contact, y, inertia, shape, couple
+    )
+    changed, torque, normal, rolled = rolling_and_pivoting(
+        u, omega, r, w, rates, solved, loss
+    )
+    return place, changed, torque, normal, dot(couple, omega) + rolled, dot(u, omega)
+
+
+@scalar
+def pivoting_rhs(contact, y, inertia, shape, loss):
+    """Return the derivative of the state, the work and the work of pivoting."""
+    place, changed, torque, _, power, n = pivoting_parts(
+        contact, y, inertia, shape, loss
+    )
+    taken = torque * n
+    return place + changed + (power + taken, taken)
+
+
+@scalar
+def rolling_pivoting_rhs(contact, y, inertia, shape, loss):
+    """Return what :func:`pivoting_rhs` does, with rolling resistance."""
+    place, changed, torque, _, power, n = rolling_parts(
+        contact, y, inertia, shape, loss
+    )
+    taken = torque * n
+    return place + changed + (power + taken, taken)
+
+
+@scalar
+def pivoting_couples(u, omega, loss, creep):
+    """Return the couples on a body that slides: viscous, and of the patch."""
+    sigma, lever, _ = loss
+    a, b, c = omega
+    drag = sliding_drag(u, dot(u, omega), lever, creep)
+    return (-sigma * a, -sigma * b, -sigma * c), drag
+
+
+@scalar
+def rolling_pivoting_couples(u, omega, loss, creep):
+    """Return what :func:`pivoting_couples` does, with rolling resistance."""
+    couple, (rx, ry, rz) = rolling_couples(u, omega, loss[:3], 0.0)
+    px, py, pz = sliding_drag(u, dot(u, omega), loss[3], creep)
+    return couple, (rx + px, ry + py, rz + pz)
