@@ -18,6 +18,7 @@ __version__ = "1.0.0"
 
 __all__ = [
     "ConfigError",
+    "ContactPatch",
     "GrowthRates",
     "Modes",
     "OutputError",
@@ -27,6 +28,7 @@ __all__ = [
     "Sweep",
     "__version__",
     "bondi_threshold",
+    "contact_patch",
     "fit",
     "growth_rates",
     "load",

@@ -23,6 +23,7 @@ KINDS = {
     "acceleration": ("m/s^2", "9.81 m/s^2"),
     "torque per spin": ("N m s", "1e-4 N m s"),
     "energy": ("J", "0.5 mJ"),
+    "modulus": ("Pa", "3.5 GPa"),
 }
 
 # Other spellings of the SI unit of a kind: pint counts the radian.

@@ -141,10 +141,10 @@ def derived(
                 "spin below which the roll grows, small spin",
             ),
         ]
-    return [_quantity(body, *row) for row in rows]
+    return [quantity_of(body, *row) for row in rows]
 
 
-def _quantity(
+def quantity_of(
     body: Rattleback, name: str, number: float, unit: str, description: str
 ) -> DerivedQuantity:
     """Return a number with its value in SI units; None if it is not finite."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rattlesweep.analysis.contact import ContactPatch
 from rattlesweep.api.arrays import (
     BodiesLike,
     body_columns,
@@ -19,6 +20,7 @@ from rattlesweep.api.arrays import (
     column_units,
     numbers,
 )
+from rattlesweep.api.contact import contact_patch
 from rattlesweep.api.single import Page, Run, fit, replay, show, simulate, trajectory
 from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.arrays import Floats
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ConfigError",
+    "ContactPatch",
     "GrowthRates",
     "Modes",
     "OutputError",
@@ -40,6 +43,7 @@ __all__ = [
     "Run",
     "Sweep",
     "bondi_threshold",
+    "contact_patch",
     "fit",
     "growth_rates",
     "load",

@@ -225,6 +225,20 @@ def _direction(text: str) -> float | str:
     return text
 
 
+def _materials(text: str) -> tuple[str | dict[str, str | float], ...]:
+    """Read materials, each a name or as in ``E=3.5GPa nu=0.36``."""
+    materials: list[str | dict[str, str | float]] = []
+    for each in _names(text):
+        constants: dict[str, str | float] = dict(
+            re.findall(r"(\w+)\s*=\s*([^=]*?)\s*(?=\w+\s*=|$)", each)
+        )
+        if "nu" in constants:
+            with suppress(ValueError):
+                constants["nu"] = float(constants["nu"])
+        materials.append(constants or each)
+    return tuple(materials)
+
+
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
@@ -270,10 +284,11 @@ SHARE = Kind("share", partial(_number, 0.0, 1.0))
 DPI_VALUE = Kind("dpi", partial(_number, 20.0, 600.0))
 TIME_VALUE = Kind("time", seconds_of)
 NAME_LIST = Kind("a,b,...", _names)
+MATERIAL_PAIR = Kind("body,plane", _materials)
 FIGURE_SIZE = Kind("w,h", partial(_numbers, "7,4.5", 1, 24))
 LOW_HIGH = Kind("low,high", partial(_numbers, "0.01,0.1", -1e12, 1e12))
 VECTOR = Kind("x,y,z", partial(_numbers, "0,0,-1", -1e12, 1e12))
-_SPIN_VALUE = measured("spin")
+SPIN_VALUE = measured("spin")
 DURATION = measured("time")
 _LENGTH_VALUE = measured("length")
 ENERGY_VALUE = measured("energy")
@@ -466,8 +481,8 @@ dissipation = group(
 )
 SPIN_DEFAULTS = {"n_i": 0.1, "omega_xy0": 0.01}
 spin_options = group(
-    named("n_i", _SPIN_VALUE, "  [default: 0.1]"),
-    named("omega_xy0", _SPIN_VALUE, "  [default: 0.01]"),
+    named("n_i", SPIN_VALUE, "  [default: 0.1]"),
+    named("omega_xy0", SPIN_VALUE, "  [default: 0.01]"),
 )
 launch = stack(
     spin_options,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Collection
 from dataclasses import asdict
 from itertools import combinations
 from pathlib import Path
@@ -111,6 +112,88 @@ def _as_table(body: Rattleback, values: list[DerivedQuantity]) -> str:
             line += si
         lines.append([*line, quantity.description])
     return align(lines, "<><" if body.units is None else "<><><")
+
+
+def _list_materials(
+    context: click.Context, _: click.Parameter, materials: tuple[object, ...]
+) -> tuple[object, ...]:
+    """Print all materials and stop if ``list`` is requested."""
+    if materials == ("list",):
+        from rattlesweep.physics.materials import MATERIALS
+
+        lines = [["", "E, GPa", "nu", ""]]
+        for name, each in MATERIALS.items():
+            lines.append([name, f"{each.E / 1e9:g}", f"{each.nu:g}", each.source])
+        click.echo(align(lines, "<>><"))
+        context.exit()
+    return materials
+
+
+@command(
+    "One run",
+    "rattlesweep contact --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg "
+    "--materials PLA,glass --facet 0.4mm",
+    "rattlesweep contact configs/fit/stone.yaml --materials 'E=3.1GPa nu=0.36,wood'",
+)
+@options.path("stone", required=False)
+@option(
+    "--materials",
+    type=options.MATERIAL_PAIR,
+    required=True,
+    callback=_list_materials,
+    help="Materials of body and plane, as in PLA,glass; each a name or as in "
+    "'E=3.5GPa nu=0.36'.  'list' prints all names.",
+)
+@option("--mu", type=float, default=0.3, help="Coefficient of friction.")
+@option(
+    "--n-i",
+    type=options.SPIN_VALUE,
+    default="60rpm",
+    help="Vertical spin whose end is told, as in 60rpm.",
+)
+@option(
+    "--facet",
+    type=options.HEIGHT,
+    help="Width of the flat facets of a printed bottom, to compare with the patch.",
+)
+@options.body_options
+@options.as_json
+def contact(stone: Path | None, as_json: bool, **given: Any) -> None:
+    """Print the patch of contact under a stone at rest, and the lever of pivoting.
+
+    While a stone spins, this patch rubs on the plane and ends the spin: with a torque
+    of the weight times a lever, which dissipation.pivot takes in a config. The patch is
+    Hertz's ellipse, of smooth elastic solids: without roughness, creep, wear, yielding
+    or the grain of wood. STONE is a file as for `fit`, of which only the body counts;
+    or options describe the body.
+    """
+    from rattlesweep.api import contact_patch
+    from rattlesweep.api.arrays import require_units
+
+    arguments = pick(given, "materials", "mu", "n_i", "facet")
+    if stone is None:
+        described = _body_of(given)
+    else:
+        for name in pick(given, *given):
+            raise ConfigError(f"{_flag(name)}: STONE has its own body; leave it out")
+        described = _read_stone(stone)["body"].body
+    require_units(arguments, described.units, _flag)
+    try:
+        patch = contact_patch(described, **arguments)
+    except ConfigError as error:
+        raise ConfigError(
+            [_of_option(message, arguments) for message in error.messages]
+        ) from None
+    values = patch.quantities()
+    if as_json:
+        data = _as_data(described, values)
+        data["materials"] = [asdict(each) for each in patch.materials]
+        data["remarks"] = patch.remarks
+        click.echo(to_json(data))
+    else:
+        click.echo(_as_table(described, values))
+    for remark in patch.remarks:
+        say(remark)
 
 
 def _list_channels(
@@ -305,15 +388,15 @@ def _prepared(given: Given) -> PreparedRun:
     try:
         return prepare_launch(described, **launch)
     except ConfigError as error:
-        raise ConfigError(map(_of_options, error.messages)) from None
+        raise ConfigError(
+            [_of_option(message, LAUNCH_ARGUMENTS) for message in error.messages]
+        ) from None
 
 
-def _of_options(message: str) -> str:
+def _of_option(message: str, arguments: Collection[str]) -> str:
     """Return a message about an argument of a call as one about its option."""
-    from rattlesweep.api.single import LAUNCH_ARGUMENTS
-
     name, colon, sentence = message.partition(": ")
-    if name not in LAUNCH_ARGUMENTS:
+    if name not in arguments:
         return message
     sentence = sentence.replace(f"leave {name} out", f"leave {_flag(name)} out")
     return f"{_flag(name)}{colon}{sentence}"

@@ -19,6 +19,7 @@ LIMITS = {
     "length": (1e-9, 1e6, "m"),
     "acceleration": (1e-6, 1e6, "m/s^2"),
     "angle": (-1.57, 1.57, "rad"),
+    "modulus": (1e3, 1e13, "Pa"),
 }
 """Smallest and largest accepted value of each kind; products of these do not overflow.
 """
@@ -69,6 +70,7 @@ class Units:
             "a": (a, "m"),
             "sqrt(g a)": (a / t, "m/s"),
             "M g": (m * g, "N"),
+            "M g / a^2": (m * g / (a * a), "Pa"),
             "M g a": (m * g * a, "J"),
             "M a^2": (m * (a * a), "kg m^2"),
             "M a^2 sqrt(g/a)": (m * (a * a) / t, "N m s"),

@@ -14,7 +14,7 @@ import pytest
 
 import rattlesweep as rs
 from rattlesweep import api
-from rattlesweep.api import single, sweeps
+from rattlesweep.api import contact, single, sweeps
 from rattlesweep.physics import body as bodies_module
 from rattlesweep.physics.body import PARAMETERS
 
@@ -34,7 +34,7 @@ def test_the_examples_in_the_package_are_true(tmp_path, monkeypatch):
     shutil.copytree(Path(__file__).parents[2] / "configs", tmp_path / "configs")
     monkeypatch.chdir(tmp_path)
     rs.sweep("configs/gh.yaml", threads=1)
-    for module in (rs, bodies_module, api, single, sweeps):
+    for module in (rs, bodies_module, api, contact, single, sweeps):
         failed, tried = doctest.testmod(module, extraglobs={"rs": rs})
         assert failed == 0 < tried
 
@@ -46,6 +46,7 @@ def test_every_name_is_there():
         "reversal_time_gh",
         "bondi_threshold",
         "growth_rates",
+        "contact_patch",
         "simulate",
         "trajectory",
         "sweep",

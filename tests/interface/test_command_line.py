@@ -38,6 +38,7 @@ COMMANDS = {
     "run",
     "classify",
     "body",
+    "contact",
     "trajectory",
     "tradeoff",
     "paper",

@@ -81,7 +81,7 @@ def test_from_a_ruler_and_a_scale_to_seconds(
         text = re.sub(r"\b\de-\d\d\b", "1e-09", text)  # of an error, not even one digit
         return re.sub(r"-?\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", text)
 
-    assert execute("own_stone.md") == 2
+    assert execute("own_stone.md") == 4
     shown = plain(capsys.readouterr().out)
     for block in blocks("own_stone.md", "text"):
         for line in plain(block).splitlines():
