@@ -18,7 +18,7 @@ from rattlesweep.integrate import attitude as rotations
 from rattlesweep.integrate import batch as batches
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.compile import Kernel, load_kernels
-from rattlesweep.integrate.lanes import kernel, runs
+from rattlesweep.integrate.lanes import kernel, pivots, runs
 from rattlesweep.integrate.lanes.events import HOLD, NEVER, SCAN
 from rattlesweep.integrate.lanes.lane import (
     N_SLIP,
@@ -32,15 +32,15 @@ from rattlesweep.integrate.lanes.lane import (
 from rattlesweep.integrate.model import ATTITUDES, Model, find_model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, TOL, Tableau
-from rattlesweep.physics import vectors
 
 STEPS_PER_CALL = 2048  # a few milliseconds, after which Python can act on Ctrl-C
 MOST_ZEROS = 256  # in a call
 # ``counts`` of :func:`record_steps`: whether the run has begun and ended, its status,
 # and the numbers of steps, zeros and reversals that the last call stored.
 BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_TURNS, N_COUNTS = range(7)
-# Columns of a stored step: time, its low part, then the state, its derivative and slip.
-T, T_LOW, STATE = range(3)
+# Columns of a stored step: time, its low part, sense of the spin from there on, then
+# the state, its derivative and slip.
+T, T_LOW, SENSE, STATE = range(4)
 # ``energies`` at launch and in the last row.
 FIRST, LAST = 0, 1
 # Columns of ``extremes``: the largest ratio of the contact forces, the least normal
@@ -102,6 +102,8 @@ def record_steps(
         if accepted:
             steps[row, T] = lane.t_end if last else lane.t
             steps[row, T_LOW] = 0.0 if last else lane.t_low
+            if problem.pivots:
+                steps[row, SENSE] = lane.constants[-1]
             for c, component in enumerate(lane.y + lane.f):
                 steps[row, STATE + c] = component
             for c, component in enumerate(lane.slip):
@@ -164,6 +166,8 @@ def states_after(problem, parts, w, steps, which, offset, constants, swing, scal
             row = steps[which[i], STATE:]
             lane.y = first_of(row, given) + problem.extra
             lane.f = first_of(row[given:], given) + problem.extra
+            if problem.pivots:
+                pivots.set_sense(lane, steps[which[i], SENSE])
             if given < problem.model.n_state:
                 runs.derive(lane)
             lane.h = offset[i]
@@ -180,7 +184,7 @@ def states_after(problem, parts, w, steps, which, offset, constants, swing, scal
                 out[first + l, out.shape[1] - N_SLIP + c] = component
 
 
-def observe(problem, states, slips, constants, out):
+def observe(problem, states, slips, senses, constants, out):
     """Write spin, energy, normal and tangential contact force to ``out``."""
     model = problem.model
     q = first_of(constants, model.n_constants)
@@ -188,6 +192,8 @@ def observe(problem, states, slips, constants, out):
     for i in range(out.shape[1]):
         y = first_of(states[i], model.n_state)
         slip = Slip(*first_of(slips[i], N_SLIP))
+        if problem.pivots:
+            q = q[:-1] + (senses[i],)  # noqa: RUF005
         out[0, i] = model.spin(y)
         out[1, i], out[2, i], out[3, i] = problem.hooks.observe(model, y, slip, q, mu)
 
@@ -218,7 +224,7 @@ def states_recipe(model_name: str) -> Kernel:
 def observe_recipe(model_name: str) -> Kernel:
     """Return :func:`observe` of a model."""
     problem = batches.problem_of(find_model(model_name), True)
-    tables = batches.TABLE, batches.TABLE, batches.FLAT, batches.TABLE
+    tables = batches.TABLE, batches.TABLE, batches.FLAT, batches.FLAT, batches.TABLE
     return Kernel(observe, (problem, *tables), OPTIONS)
 
 
@@ -231,6 +237,9 @@ class Samples:
     # Columns SLIP_SPEED, ... of `lanes.lane.Slip`; the speed is zero where the
     # body rolls.
     slip: Floats
+    # Of a body with pivoting friction: sign of the spin from there on, 0 while it is
+    # held.
+    sense: Floats
     extra: Floats  # heading and contact point (see `physics.full`), or no columns
 
 
@@ -359,7 +368,7 @@ class Follower:
         self._rows = 1
         self.energy_0 = float(self._energies[FIRST])
         self._extra = np.zeros((1, self._models[-1].n_extra))
-        self._in_any_position = attitude and model.n_state == vectors.N_STATE
+        self._in_any_position = attitude and model.surface is None
         if self._in_any_position:
             self._extra = rotations.at_launch(batch.y0[0, :3])
         self._launch = self._samples(0, 1)
@@ -389,7 +398,7 @@ class Follower:
         out = np.empty((4, len(samples.t)))
         problem = batches.problem_of(self._models[0], True)
         constants = self._batch.constants[0]
-        self._observe(problem, samples.y, samples.slip, constants, out)
+        self._observe(problem, samples.y, samples.slip, samples.sense, constants, out)
         return out
 
     @property
@@ -419,7 +428,7 @@ class Follower:
             extra[:, 0] += moved[:, 0]
             extra[:, 1:] += turned
         t = self._table[which, T] + (offset - self._table[which, T_LOW])
-        return Samples(t, y, slip, extra)
+        return Samples(t, y, slip, self._table[which, SENSE], extra)
 
     def at(self, times: Floats) -> Samples:
         """Return the states at increasing times, none before those of the last call.
@@ -428,6 +437,7 @@ class Follower:
         """
         y = np.empty((len(times), self._batch.y0.shape[1]))
         slip = np.empty((len(times), N_SLIP))
+        sense = np.empty(len(times))
         extra = np.empty((len(times), self._extra.shape[1]))
         done = 0
         while done < len(times):
@@ -440,13 +450,14 @@ class Follower:
                 samples = self.within(which, offset)
                 y[done:upto] = samples.y
                 slip[done:upto] = samples.slip
+                sense[done:upto] = samples.sense
                 extra[done:upto] = samples.extra
                 done = upto
             elif self.ended:
                 break
             else:
                 self._continue()
-        return Samples(times[:done], y[:done], slip[:done], extra[:done])
+        return Samples(times[:done], y[:done], slip[:done], sense[:done], extra[:done])
 
     def _samples(self, first: int, last: int) -> Samples:
         """Return rows of the table of steps."""
@@ -454,7 +465,13 @@ class Follower:
         y = table[:, STATE : STATE + self._batch.y0.shape[1]]
         slip = table[:, table.shape[1] - N_SLIP :]
         extra = self._extra[first:last]
-        return Samples(table[:, T].copy(), y.copy(), slip.copy(), extra.copy())
+        return Samples(
+            table[:, T].copy(),
+            y.copy(),
+            slip.copy(),
+            table[:, SENSE].copy(),
+            extra.copy(),
+        )
 
     def _between(
         self, place: int, which: Integers, offset: Floats

@@ -33,10 +33,10 @@ class Slide:
     The coefficient of friction is a further constant of the body, after ``q``.
     """
 
-    # place(y, q): rates of the position, u, omega, r, w, inertia, and the torques of
-    # friction as `physics.surface.Friction.couples` returns them
+    # place(y, creep, q): rates of the position, u, omega, r, w, inertia, and torques
+    # of friction as `physics.surface.Friction.couples` returns them
     place: Formula
-    # derivative(y, slip, what `place` returns, domega/dt, power of friction): dy
+    # derivative(y, slip, what `place` returns, domega/dt, normal force): dy
     derivative: Formula
     # Slope beyond which the state says too little about the contact for a slide to
     # begin; such a run is integrated again in the variables of `Model.anywhere`.
@@ -588,13 +588,24 @@ FRICTION = _all_with_friction()
 
 
 @scalar
-def _without_work(y, slip, placed, omega_rate, power):
+def _without_work(y, slip, placed, omega_rate, normal):
     return placed[0] + omega_rate
 
 
 @scalar
-def _with_work(y, slip, placed, omega_rate, power):
-    return placed[0] + omega_rate + (power,)
+def _with_work(y, slip, placed, omega_rate, normal):
+    rates, _, omega, _, _, _, torque, drag = placed
+    power = stone.dot(torque, omega) + normal * stone.dot(drag, omega)
+    return rates + omega_rate + (power,)
+
+
+@scalar
+def _with_works(y, slip, placed, omega_rate, normal):
+    rates, u, omega, _, _, _, torque, drag = placed
+    power = stone.dot(torque, omega) + normal * stone.dot(drag, omega)
+    # The part of the drag along the vertical is that of pivoting.
+    pivoted = normal * stone.dot(drag, u) * stone.dot(u, omega)
+    return rates + omega_rate + (power, pivoted)
 
 
 @scalar
@@ -616,7 +627,7 @@ def _sliding(rolling: Model, law: Friction | None) -> Model:
     touch = on.contact
 
     @scalar
-    def place(y, constants):
+    def place(y, creep, constants):
         p, q, a, b, c = y[:5]
         shape = constants[3:]
         rates, u, omega, r, w = _contact_of_slope(touch, p, q, a, b, c, shape)
@@ -628,19 +639,20 @@ def _sliding(rolling: Model, law: Friction | None) -> Model:
     couples = law.couples
 
     @scalar
-    def place_with_friction(y, constants):
+    def place_with_friction(y, creep, constants):
         p, q, a, b, c = y[:5]
         shape = constants[3:7]
         rates, u, omega, r, w = _contact_of_slope(touch, p, q, a, b, c, shape)
-        torque, drag = couples(u, omega, constants[7:], 0.0)
+        torque, drag = couples(u, omega, constants[7:], creep)
         return rates, u, omega, r, w, constants[:3], torque, drag
 
-    slide = Slide(place_with_friction, _with_work)
+    derivative = _with_work if law.pivot is None else _with_works
+    slide = Slide(place_with_friction, derivative)
     return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
 
 
 @scalar
-def _place_in_any_position(y, constants):
+def _place_in_any_position(y, creep, constants):
     vx, vy, vz, a, b, c = y[:6]
     shape = constants[3:7]
     u = vectors.unit(vx, vy, vz)
@@ -808,12 +820,12 @@ def _with_attitude(plain: Model) -> Model:
         plain_derivative = slide.derivative
 
         @scalar
-        def place(y, constants):
-            return plain_place(y[:n], constants)
+        def place(y, creep, constants):
+            return plain_place(y[:n], creep, constants)
 
         @scalar
-        def derivative(y, slip, placed, omega_rate, power):
-            f = plain_derivative(y[:n], slip, placed, omega_rate, power)
+        def derivative(y, slip, placed, omega_rate, normal):
+            f = plain_derivative(y[:n], slip, placed, omega_rate, normal)
             return f + _sliding_track(placed, slip, y[n])
 
         slide = replace(slide, place=place, derivative=derivative)
@@ -854,11 +866,11 @@ def _with_rotation(plain: Model) -> Model:
         plain_derivative = slide.derivative
 
         @scalar
-        def place(y, constants):
-            return plain_place(y[:n], constants)
+        def place(y, creep, constants):
+            return plain_place(y[:n], creep, constants)
 
         @scalar
-        def derivative(y, slip, placed, omega_rate, power):
+        def derivative(y, slip, placed, omega_rate, normal):
             _, u, omega, r, w, _, _, _ = placed
             x, y_, z = sliding.cross(r, omega)
             wx, wy, wz = w
@@ -868,7 +880,7 @@ def _with_rotation(plain: Model) -> Model:
                 y_ - wy + slip.speed * ey,
                 z - wz + slip.speed * ez,
             )
-            f = plain_derivative(y[:n], slip, placed, omega_rate, power)
+            f = plain_derivative(y[:n], slip, placed, omega_rate, normal)
             return f + vectors.carried_on(y[n:after_rotation], omega, velocity)
 
         slide = replace(slide, place=place, derivative=derivative)

@@ -426,6 +426,8 @@ class Hooks:
     """Compiled functions of `lanes.runs` that differ between models."""
 
     start: Callable[..., None]
+    # prepare(lane, rate): set what the equations need, before they are evaluated
+    prepare: Callable[..., None]
     pass_marks: Callable[..., None]
     finish: Callable[..., None]
     advance: Callable[..., None]

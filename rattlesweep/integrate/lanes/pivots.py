@@ -21,6 +21,7 @@ from rattlesweep.integrate.lanes.events import REVERSED, may_peak
 from rattlesweep.integrate.lanes.lane import (
     HELD,
     INNER,
+    SMOOTH,
     TURNS,
     Hooks,
     Point,
@@ -35,9 +36,7 @@ OK = int(Status.OK)
 LIMIT = int(Status.LIMIT)
 # Columns of the results of a run, after its state.
 T_HELD, HELD_TIME, PIVOT_WORK, N_COLUMNS = range(4)
-# A limit is that of the spin if the spin is smaller than this share of its scale, or if
-# the friction that is left is this share of the largest.
-AT_ZERO = 1e-10
+TINY = 1e-290
 
 
 @njit(**INNER)
@@ -113,13 +112,12 @@ def observe_held(problem, w):
 
 
 @njit(**INNER)
-def is_at_zero(lane):
-    """Return whether the limit at the end of the step is that of the spin."""
+def distance_from_zero(lane):
+    """Return how far a lane is from the limit of the spin, as a share of its scale."""
     if lane.spin_ends == HELD:
-        left = margin(lane, lane.y1)
-        return abs(left) <= AT_ZERO * lever_of(lane)
+        return abs(margin(lane, lane.y1)) / (lever_of(lane) + TINY)
     scale = abs(lane.n_launch) + abs(lane.rate1) / lane.swing
-    return lane.spin_ends == TURNS and abs(lane.n1) <= AT_ZERO * scale
+    return abs(lane.n1) / (scale + TINY)
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -132,16 +130,55 @@ def sense_from_zero(lane, y):
     return -1.0 if torque > 0.0 else 1.0
 
 
-@njit(fastmath=FASTMATH, **INNER)
-def renew(lane, y, h):
-    """Compute what depends on the sense at a point of the step: its end, or start."""
-    model = lane.problem.model
-    f = model.rhs(y, lane.constants)
-    lane.limit1 = lane.problem.hooks.limit(lane, h, y, f)
+@njit(**INNER)
+def hold(lane, t):
+    """Note that the spin is held from the time ``t`` on."""
+    lane.t_hold = t
+    lane.rate_held = lane.rate_max
+    if lane.t_held < 0.0:
+        lane.t_held = t
+
+
+@njit(**INNER)
+def release(lane, t):
+    """Note that the spin is held until the time ``t``."""
+    lane.held_time += t - lane.t_hold
+    lane.rate_max = max(lane.rate_max, lane.rate_held)
+
+
+@njit(**INNER)
+def slide_off(lane, t):
+    """Let zeros of the spin be points of a slide, which begins at the time ``t``."""
+    if lane.spin_ends == HELD:
+        release(lane, t)
+    lane.spin_ends = SMOOTH
+
+
+@njit(**INNER)
+def settle(lane, y, t):
+    """Let the torque act on a body that rolls from the state ``y`` on."""
+    n = lane.problem.model.spin(y)
+    sense = 1.0 if n > 0.0 else -1.0
+    if n == 0.0:
+        sense = sense_from_zero(lane, y)
+    set_sense(lane, sense)
+    if sense == 0.0:
+        hold(lane, t)
+
+
+@njit(**INNER)
+def prepare(lane, rate):
+    """Let the torque act from the launch on; ``rate`` bounds the rate of the spin."""
+    lane.t_held = -1.0
+    lane.rate_max = rate
+    settle(lane, lane.y, 0.0)
+
+
+@njit(**INNER)
+def add_hold(lane, y, f, h):
+    """Multiply the limit by that of a spin that is held."""
     if lane.spin_ends == HELD:
         lane.limit1 = product(lane.limit1, hold_point(lane, h, y, f))
-    lane.ratio1, lane.lift1 = runs.contact_points(lane, h, y, f)
-    return f, model.spin_rate(y, f)
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -151,23 +188,25 @@ def leave_zero(lane, t):
     if was_held:
         torque, _ = lane.problem.model.pivot(lane.y1, lane.constants)
         sense = -1.0 if torque > 0.0 else 1.0
+        release(lane, t)
     else:
         sense = sense_from_zero(lane, lane.y1)
     set_sense(lane, sense)
+    if sense == 0.0:
+        hold(lane, t)
     # The force jumps here, and both its values count.
     runs.note_contact(lane)
-    lane.f1, lane.rate1 = renew(lane, lane.y1, lane.h)
+    model = lane.problem.model
+    y = lane.y1
+    f = model.rhs(y, lane.constants)
+    lane.f1 = f
+    lane.rate1 = model.spin_rate(y, f)
+    lane.limit1 = lane.problem.hooks.limit(lane, lane.h, y, f)
+    add_hold(lane, y, f, lane.h)
+    lane.ratio1, lane.lift1 = runs.contact_points(lane, lane.h, y, f)
     lane.h_next = lane.full_next
     lane.root = 1.0
     lane.last = 0.0
-    if sense == 0.0:
-        lane.t_hold = t
-        lane.rate_held = lane.rate_max
-        if lane.t_held < 0.0:
-            lane.t_held = t
-    elif was_held:
-        lane.held_time += t - lane.t_hold
-        lane.rate_max = max(lane.rate_max, lane.rate_held)
     return sense
 
 
@@ -182,20 +221,10 @@ def pivoting_hooks(base: Hooks) -> Hooks:
     @njit(**INNER)
     def start(lane, run, y0, constants, probe, plan):
         base_start(lane, run, y0, constants, probe, plan)
-        lane.t_held = -1.0
-        n = lane.n0
-        sense = 1.0 if n > 0.0 else -1.0
-        if n == 0.0:
-            sense = sense_from_zero(lane, lane.y)
-        set_sense(lane, sense)
-        if sense == 0.0:
-            lane.t_held = 0.0
-            lane.rate_held = lane.rate_max
-        lane.f, lane.rate0 = renew(lane, lane.y, 0.0)
-        lane.ratio_max = 0.0
-        lane.normal_min = runs.NEVER
-        runs.note_contact(lane)
+        add_hold(lane, lane.y, lane.f, 0.0)
         runs.start_points(lane)
+        if lane.slip1.speed > 0.0:
+            slide_off(lane, 0.0)
 
     @scalar
     def limit(lane, h, y, f):
@@ -208,9 +237,23 @@ def pivoting_hooks(base: Hooks) -> Hooks:
 
     @njit(**INNER)
     def change(lane, status, move, recording):
-        if status != LIMIT or not is_at_zero(lane):
-            return base_change(lane, status, move, recording)
         t = lane.t + (lane.h - lane.t_low)
+        slid = lane.slip.speed > 0.0
+        is_at_zero = False
+        if status == LIMIT and not slid:
+            other = base_limit(lane, lane.h, lane.y1, lane.f1)
+            is_at_zero = distance_from_zero(lane) <= abs(other.value)
+        if not is_at_zero:
+            if slid and lane.slip1.speed == 0.0:
+                settle(lane, lane.y1, t)
+            status, move = base_change(lane, status, move, recording)
+            slides = lane.slip1.speed > 0.0
+            if slides and lane.spin_ends != SMOOTH:
+                slide_off(lane, t)
+            if slid and not slides:
+                lane.limit1 = lane.problem.hooks.limit(lane, lane.h, lane.y1, lane.f1)
+                add_hold(lane, lane.y1, lane.f1, lane.h)
+            return status, move
         sense = leave_zero(lane, t)
         # A spin that returns to its side has not reversed.
         if sense * lane.sign >= 0.0 or lane.arm > 0.0:
@@ -236,6 +279,7 @@ def pivoting_hooks(base: Hooks) -> Hooks:
     return replace(
         base,
         start=start,
+        prepare=prepare,
         limit=limit,
         observe_limit=observe_limit,
         change=change,

@@ -166,6 +166,11 @@ def observe(model, y, slip, constants, mu):
 
 
 @njit(**INNER)
+def prepared(lane, rate):
+    """Do nothing: the equations need nothing but the constants."""
+
+
+@njit(**INNER)
 def unchanged(lane, status, move, recording):
     """Return status and move; the lane goes on as it is."""
     return status, move
@@ -457,6 +462,7 @@ def start(lane, run, y0, constants, probe, plan):
     lane.y = first_of(y0[run], model.n_state)
     lane.constants = first_of(constants[run], model.n_constants)
     lane.probe = first_of(probe[run], model.n_probe)
+    lane.problem.hooks.prepare(lane, plan[run, RATE])
     n, rate = derive(lane)
     lane.t_end = plan[run, HORIZON]
     lane.swing = plan[run, SWING]
@@ -755,6 +761,7 @@ def hooks_of(model: Model, rimmed: bool) -> Hooks:
     """Return the functions that differ between models."""
     hooks = Hooks(
         start=start,
+        prepare=prepared,
         pass_marks=pass_marks,
         finish=finish,
         advance=advance,

@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from rattlesweep.integrate.collocation import radau
-from rattlesweep.integrate.lanes import runs
+from rattlesweep.integrate.lanes import pivots, runs
 from rattlesweep.integrate.lanes.events import STEP, may_peak
 from rattlesweep.integrate.lanes.lane import (
     INNER,
@@ -40,10 +40,10 @@ from rattlesweep.integrate.lanes.lane import (
 )
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH, scalar
+from rattlesweep.physics.pivoting import LEAST_SPEED
 from rattlesweep.physics.sliding import (
     TWO_PI,
     contact_at,
-    dot,
     meets_singularity,
     outgoing,
     push,
@@ -96,12 +96,18 @@ T_SLIDE, SLIDES, SLIDE_TIME, SLIDE_WORK, N_COLUMNS = range(5)
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def contact_of(model, y, constants):
+def contact_of(model, y, slip, mu, constants):
     """Return the contact of a body, ``I^-1 g``, and what `Slide.place` returns."""
-    placed = model.slide.place(y, constants)
+    placed = model.slide.place(y, mu * (slip.speed + LEAST_SPEED), constants)
     _, u, omega, r, w, inertia, torque, drag = placed
     contact, own = contact_at(u, omega, r, w, inertia, torque, drag)
     return contact, own, placed
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def contact_at_slip(lane, y, slip):
+    """Return what :func:`contact_of` does for a lane's body."""
+    return contact_of(lane.problem.model, y, slip, lane.mu, lane.constants)
 
 
 class Motion(NamedTuple):
@@ -119,13 +125,12 @@ class Motion(NamedTuple):
 def motion_of(lane, y, slip):
     """Return the :class:`Motion` of a lane's body in a state."""
     model = lane.problem.model
-    contact, own, placed = contact_of(model, y, lane.constants)
-    _, u, omega, r, _, inertia, torque, drag = placed
     mu = lane.mu
+    contact, own, placed = contact_of(model, y, slip, mu, lane.constants)
+    _, u, _, r, _, inertia, _, drag = placed
     normal, mobility, along, across, slope = push(contact, mu, slip.angle)
     turned = spun(own, u, r, inertia, drag, mu, slip.angle, normal)
-    power = dot(torque, omega) + normal * dot(drag, omega)
-    f = model.slide.derivative(y, slip, placed, turned, power)
+    f = model.slide.derivative(y, slip, placed, turned, normal)
     turning = across / slip.speed - contact.turn
     slip_rate = Slip(along, turning, -mu * normal * slip.speed)
     margin = min(contact.need, mobility - LEAST_MOBILITY)
@@ -214,8 +219,8 @@ def predict(lane, now, stages):
     # The direction follows the force, and the speed is the integral of its rate.
     growths = np.empty(STAGES)
     for i in range(STAGES):
-        state, _ = stage_of(lane, stages[i])
-        contact, _, _ = contact_of(lane.problem.model, state, lane.constants)
+        state, here = stage_of(lane, stages[i])
+        contact, _, _ = contact_at_slip(lane, state, here)
         before = stages[max(i - 1, 0), n + SLIP_ANGLE]
         angle, _ = settled_direction(contact, lane.mu, before)
         _, _, along, _, _ = push(contact, lane.mu, angle)
@@ -387,7 +392,7 @@ def is_steady(lane, now, rest):
     """Return whether the deceleration stays the same until rest."""
     slip = lane.slip
     state = moved(lane.y, now.f, rest)
-    contact, _, _ = contact_of(lane.problem.model, state, lane.constants)
+    contact, _, _ = contact_at_slip(lane, state, slip)
     _, mobility, along, _, _ = push(
         contact, lane.mu, slip.angle + rest * now.slip.angle
     )
@@ -431,7 +436,7 @@ def try_slide(lane, scale, contact_recorded):
             lane.h = rest * (1.0 - left)
             lane.last = 0.0
     if ends and lane.mode == STEP and not is_steady(lane, now, rest):
-        contact, _, _ = contact_of(model, lane.y, lane.constants)
+        contact, _, _ = contact_at_slip(lane, lane.y, lane.slip)
         if meets_singularity(contact, lane.mu, lane.slip.angle):
             lane.refused = JAMMED
             stay(lane)
@@ -502,7 +507,7 @@ def jams(lane):
     It falls with the angle, whose rate has no bound.
     """
     slip = lane.slip
-    contact, _, _ = contact_of(lane.problem.model, lane.y, lane.constants)
+    contact, _, _ = contact_at_slip(lane, lane.y, slip)
     _, mobility, _, across, _ = push(contact, lane.mu, slip.angle)
     turning = across / slip.speed - contact.turn
     ahead = TURN_AHEAD if turning > 0.0 else -TURN_AHEAD
@@ -523,7 +528,8 @@ def why_not(contact):
 @njit(fastmath=FASTMATH, **INNER)
 def slide_from_rest(lane):
     """Let a lane slide from rest at the end of the step; return a status."""
-    contact, _, _ = contact_of(lane.problem.model, lane.y1, lane.constants)
+    rest = Slip(0.0, 0.0, 0.0)
+    contact, _, _ = contact_at_slip(lane, lane.y1, rest)
     angle, found = outgoing(contact, lane.mu)
     slip = Slip(BEGINNING, angle, lane.slip.work)
     motion = motion_of(lane, lane.y1, slip)
@@ -598,7 +604,7 @@ def status_after(lane, status):
     t = lane.t + (lane.h - lane.t_low)
     slid = lane.slip.speed > 0.0
     if status == LIMIT and slid:
-        contact, _, _ = contact_of(lane.problem.model, lane.y1, lane.constants)
+        contact, _, _ = contact_at_slip(lane, lane.y1, lane.slip1)
         return why_not(contact)
     if status == STEP_TOO_SMALL and slid:
         return JAMMED if jams(lane) else status
@@ -618,7 +624,7 @@ def start(lane, run, y0, constants, probe, plan):
     runs.start(lane, run, y0, constants, probe, plan)
     lane.t_slide = -1.0
     lane.mu = constants[run, lane.problem.model.n_constants]
-    lane.limit1 = hold_point(lane, 0.0, lane.y, lane.f)
+    lane.limit1 = lane.problem.hooks.limit(lane, 0.0, lane.y, lane.f)
     runs.start_points(lane)
     if lane.limit0.value < 0.0:
         lane.y1 = lane.y
@@ -650,7 +656,7 @@ def advance(problem, w):
 @njit(fastmath=FASTMATH, **INNER)
 def energy_of(model, y, slip, constants):
     """Return the energy minus the work of friction of a body that may slide."""
-    _, u, omega, r, _, _, _, _ = model.slide.place(y, constants)
+    _, u, omega, r, _, _, _, _ = model.slide.place(y, 0.0, constants)
     moving = slip_energy(u, omega, r, slip.speed, slip.angle)
     return model.energy(y, constants) + moving - slip.work
 
@@ -658,7 +664,7 @@ def energy_of(model, y, slip, constants):
 @njit(fastmath=FASTMATH, **INNER)
 def force_of(model, y, slip, constants, mu):
     """Return the normal and the tangential force on a body that slides."""
-    contact, _, _ = contact_of(model, y, constants)
+    contact, _, _ = contact_of(model, y, slip, mu, constants)
     normal, _, _, _, _ = push(contact, mu, slip.angle)
     return normal, mu * normal
 
@@ -682,6 +688,8 @@ def finish(lane, status, reversal, t, run, result, counts, recording):
     if lane.slip1.speed > 0.0:
         lane.slide_time += t - lane.t_begin
     first = runs.FIRST_STATE + lane.problem.model.n_state
+    if lane.problem.pivots:
+        first += pivots.N_COLUMNS
     result[run, first + T_SLIDE] = lane.t_slide if lane.t_slide >= 0.0 else np.nan
     result[run, first + SLIDES] = lane.slides
     result[run, first + SLIDE_TIME] = lane.slide_time
@@ -701,6 +709,7 @@ def observe_body(model, y, slip, constants, mu):
 
 HOOKS = Hooks(
     start=start,
+    prepare=runs.prepared,
     pass_marks=runs.pass_marks,
     finish=finish,
     advance=advance,
