@@ -19,7 +19,7 @@ from rattlesweep.work.block import prepare_runs
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rattlesweep.design.launches import Launches
+    from rattlesweep.design.prepared import Launches
     from rattlesweep.integrate.batch import Batch
 
 ROOT = Path(__file__).resolve().parents[1]

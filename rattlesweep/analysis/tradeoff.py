@@ -26,8 +26,9 @@ from rattlesweep.design.batches import make_batch
 from rattlesweep.design.columns import runs_schema
 from rattlesweep.design.config.read import parse_config, resolved
 from rattlesweep.design.config.schema import Config, SdSource
-from rattlesweep.design.launches import Launches, prepare
+from rattlesweep.design.launches import prepare
 from rattlesweep.design.plan import make_plan
+from rattlesweep.design.prepared import Launches
 from rattlesweep.errors import ConfigError
 from rattlesweep.files import probe_directory
 from rattlesweep.integrate.batch import available_threads

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from rattlesweep.arrays import Floats
-from rattlesweep.design.launches import Launches
 from rattlesweep.design.models import constants_of, surface_constant
+from rattlesweep.design.prepared import Launches
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.lanes.runs import N_WINDOWS
 from rattlesweep.integrate.model import (

@@ -3,16 +3,16 @@
 The names are fixed, so that scripts written against today's tables read next year's.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers
+from rattlesweep.design.results import Results, Values
 from rattlesweep.errors import ConfigError
 from rattlesweep.names import REGIMES
 from rattlesweep.quantities import (
@@ -36,8 +36,8 @@ TEXT = pa.string()
 _SERIES = pa.list_(pa.field("element", F64))
 
 
-# A column before it is written: an array, or codes with their words, where -1 is null.
-Values: TypeAlias = "NDArray[Any] | pa.Array | tuple[NDArray[Any], Sequence[str]]"
+Source: TypeAlias = Callable[[Results], Values]
+"""Function of the results of a block that returns a column."""
 
 
 def field(
@@ -57,8 +57,7 @@ class Column:
 
     name: str
     type: pa.DataType
-    # Dotted path from `block.Results` to the array over runs.
-    source: str
+    source: Source
     unit: str = "1"
     meaning: str = ""
     # Appended to the meaning: what a null means, or a sign.
@@ -107,7 +106,17 @@ _recorded = partial(Group, optional=True, recorded=True)
 
 def of_loss(name: str) -> Column:
     """Return the column of a constant of dissipation."""
-    return must(name, F64, f"launches.losses.{name}")
+    return must(name, F64, lambda runs: runs.launches.losses[name])
+
+
+def of_surface(name: str) -> Column:
+    """Return the column of a constant of the surface."""
+    return Column(
+        name,
+        F64,
+        lambda runs: runs.launches.bodies.further[name],
+        note="null: a paraboloid",
+    )
 
 
 NOT_LINEAR = " or ".join(f"{x.name} > 0" for x in LOSSES.values() if not x.is_linear)
@@ -118,7 +127,7 @@ WITH_LOSS = {
         Column(
             "t_slide",
             F64,
-            "integrated.t_slide",
+            lambda runs: runs.integrated.t_slide,
             TIME,
             "begin of the first slide; null: never",
             refines=True,
@@ -126,14 +135,14 @@ WITH_LOSS = {
         must(
             "n_slides",
             I32,
-            "integrated.n_slides",
+            lambda runs: runs.integrated.n_slides,
             meaning="number of slides",
             refines=True,
         ),
         Column(
             "slide_time",
             F64,
-            "integrated.slide_time",
+            lambda runs: runs.integrated.slide_time,
             TIME,
             "time spent sliding",
             refines=True,
@@ -141,7 +150,7 @@ WITH_LOSS = {
         Column(
             "slide_work",
             F64,
-            "integrated.slide_work",
+            lambda runs: runs.integrated.slide_work,
             meaning="energy lost by sliding over the initial energy",
             refines=True,
         ),
@@ -154,11 +163,16 @@ GROUPS = (
         "keys",
         "Keys",
         (
-            must("case", I32, "launches.case", meaning="number of the case, from 0"),
+            must(
+                "case",
+                I32,
+                lambda runs: runs.launches.case,
+                meaning="number of the case, from 0",
+            ),
             must(
                 "sample",
                 I64,
-                "launches.sample",
+                lambda runs: runs.launches.sample,
                 meaning="number of the run within its case, from 0",
             ),
         ),
@@ -167,13 +181,18 @@ GROUPS = (
         "body",
         "Body and launch",
         (
-            must("alpha", F64, "bodies.alpha"),
-            must("beta", F64, "bodies.beta"),
-            must("gamma", F64, "bodies.gamma"),
-            must("theta", F64, "bodies.theta"),
-            must("phi", F64, "bodies.phi"),
-            must("xi", F64, "bodies.xi"),
-            Column("f_sd", F64, "bodies.f_sd", note="null unless the source has it"),
+            must("alpha", F64, lambda runs: runs.launches.bodies.alpha),
+            must("beta", F64, lambda runs: runs.launches.bodies.beta),
+            must("gamma", F64, lambda runs: runs.launches.bodies.gamma),
+            must("theta", F64, lambda runs: runs.launches.bodies.theta),
+            must("phi", F64, lambda runs: runs.launches.bodies.phi),
+            must("xi", F64, lambda runs: runs.launches.bodies.xi),
+            Column(
+                "f_sd",
+                F64,
+                lambda runs: runs.launches.bodies.f_sd,
+                note="null unless the source has it",
+            ),
         ),
     ),
     Group(
@@ -183,50 +202,57 @@ GROUPS = (
             must(
                 "n_i",
                 F64,
-                "launches.n_i",
+                lambda runs: runs.launches.n_i,
                 note="positive: unsteady direction if xi < 0",
             ),
-            must("omega_xy0", F64, "launches.omega_xy0"),
-            Column("psi", F64, "launches.psi"),
+            must("omega_xy0", F64, lambda runs: runs.launches.omega_xy0),
+            Column("psi", F64, lambda runs: runs.launches.psi),
         ),
     ),
     Group(
         "theory",
         "Theory",
         (
-            Column("omega_p", F64, "launches.modes.omega_p"),
-            Column("omega_r", F64, "launches.modes.omega_r"),
-            Column("K_p", F64, "launches.modes.K_p"),
-            Column("K_r", F64, "launches.modes.K_r"),
-            Column("n_c1", F64, "launches.n_c1", note="null: none"),
-            Column("n_0", F64, "launches.n_0"),
-            Column("t_rgh", F64, "launches.gh.t_rgh", note="null: none"),
+            Column("omega_p", F64, lambda runs: runs.launches.modes.omega_p),
+            Column("omega_r", F64, lambda runs: runs.launches.modes.omega_r),
+            Column("K_p", F64, lambda runs: runs.launches.modes.K_p),
+            Column("K_r", F64, lambda runs: runs.launches.modes.K_r),
+            Column("n_c1", F64, lambda runs: runs.launches.n_c1, note="null: none"),
+            Column("n_0", F64, lambda runs: runs.launches.n_0),
+            Column(
+                "t_rgh", F64, lambda runs: runs.launches.gh.t_rgh, note="null: none"
+            ),
         ),
     ),
     Group(
         "result",
         "Result",
         (
-            must("t_end", F64, "outcome.t_end", refines=True),
+            must("t_end", F64, lambda runs: runs.outcome.t_end, refines=True),
             Column(
                 "t_r",
                 F64,
-                "outcome.t_r",
+                lambda runs: runs.outcome.t_r,
                 note="null: none, or the body is dead",
                 refines=True,
             ),
             Column(
                 "type",
                 TEXT,
-                "type",
+                lambda runs: runs.type,
                 meaning="R, SS, SW, unclassified or D; null if status is not ok",
                 refines=True,
             ),
-            must("status", TEXT, "status", meaning="ok, or a word for what went wrong"),
+            must(
+                "status",
+                TEXT,
+                lambda runs: runs.status,
+                meaning="ok, or a word for what went wrong",
+            ),
             Column(
                 "n_end",
                 F64,
-                "n_end",
+                lambda runs: runs.n_end,
                 RATE,
                 "spin at t_end; if classify.early ended the run, its limit",
                 refines=True,
@@ -234,14 +260,14 @@ GROUPS = (
             must(
                 "n_steps",
                 I64,
-                "outcome.n_steps",
+                lambda runs: runs.outcome.n_steps,
                 meaning="accepted steps of the integrator",
                 refines=True,
             ),
             Column(
                 "energy_drift",
                 F64,
-                "outcome.energy_drift",
+                lambda runs: runs.outcome.energy_drift,
                 meaning="relative change of energy at t_end",
                 refines=True,
             ),
@@ -254,21 +280,21 @@ GROUPS = (
             Column(
                 "amp_growth",
                 F64,
-                "outcome.amp_growth",
+                lambda runs: runs.outcome.amp_growth,
                 meaning="largest growth of the amplitude between two windows",
                 refines=True,
             ),
             Column(
                 "n_departure",
                 F64,
-                "outcome.n_departure",
+                lambda runs: runs.outcome.n_departure,
                 meaning="largest fractional loss of spin at any step, 1 - n/n_i",
                 refines=True,
             ),
             must(
                 "near_tangencies",
                 I32,
-                "outcome.near_tangencies",
+                lambda runs: runs.outcome.near_tangencies,
                 meaning="extrema so near zero that the spin may cross it",
             ),
         ),
@@ -277,7 +303,7 @@ GROUPS = (
         Group(
             surface,
             f"`bodies: {{surface: {surface}}}`",
-            (Column(name, F64, f"bodies.further.{name}", note="null: a paraboloid"),),
+            (of_surface(name),),
             optional=True,
         )
         for surface, name in CONSTANT_OF_SURFACE.items()
@@ -291,21 +317,21 @@ GROUPS = (
             Column(
                 "growth",
                 F64,
-                "growth",
+                lambda runs: runs.growth,
                 RATE,
                 f"growth rate of the oscillation at n_i; null if {NOT_LINEAR}",
             ),
             Column(
                 "n_growth",
                 F64,
-                "n_growth",
+                lambda runs: runs.n_growth,
                 RATE,
                 f"spin at which growth balances damping; null if {NOT_LINEAR}",
             ),
             Column(
                 "energy_left",
                 F64,
-                "energy_left",
+                lambda runs: runs.energy_left,
                 meaning="fraction of the initial energy left at t_end",
             ),
         ),
@@ -328,11 +354,17 @@ GROUPS = (
         "energy",
         "`record: [energy]`",
         (
-            Column("energy_0", F64, "outcome.energy_0", ENERGY, "energy at launch"),
+            Column(
+                "energy_0",
+                F64,
+                lambda runs: runs.integrated.energy_0,
+                ENERGY,
+                "energy at launch",
+            ),
             Column(
                 "energy_drift_max",
                 F64,
-                "outcome.energy_drift_max",
+                lambda runs: runs.integrated.energy_drift_max,
                 meaning="largest relative change of energy at any step",
             ),
         ),
@@ -345,14 +377,14 @@ GROUPS = (
             Column(
                 "contact_ratio_max",
                 F64,
-                "outcome.contact_ratio_max",
+                lambda runs: runs.integrated.contact_ratio_max,
                 meaning="largest F_perp / F_parallel at the contact",
                 refines=True,
             ),
             Column(
                 "contact_normal_min",
                 F64,
-                "outcome.contact_normal_min",
+                lambda runs: runs.integrated.contact_normal_min,
                 FORCE,
                 "smallest F_parallel; negative: lift-off",
             ),
@@ -363,23 +395,29 @@ GROUPS = (
         "windows",
         "`record: [windows]`",
         (
-            Column("window_t", F64, "batch.window", TIME, "length of one window"),
+            Column(
+                "window_t", F64, lambda runs: runs.window, TIME, "length of one window"
+            ),
             Column(
                 "window_amplitude",
                 _SERIES,
-                "window_amplitude",
+                lambda runs: runs.window_amplitude,
                 RATE,
                 "amplitude of the relevant mode, by window",
             ),
             Column(
                 "window_n_min",
                 _SERIES,
-                "window_n_min",
+                lambda runs: runs.window_n_min,
                 RATE,
                 "smallest spin, by window",
             ),
             Column(
-                "window_n_max", _SERIES, "window_n_max", RATE, "largest spin, by window"
+                "window_n_max",
+                _SERIES,
+                lambda runs: runs.window_n_max,
+                RATE,
+                "largest spin, by window",
             ),
         ),
         not_with=("gh",),
@@ -391,7 +429,7 @@ GROUPS = (
             Column(
                 "lyapunov",
                 F64,
-                "lyapunov",
+                lambda runs: runs.lyapunov,
                 RATE,
                 "largest Lyapunov exponent over the whole run, or up to t_r",
                 refines=True,
@@ -399,7 +437,7 @@ GROUPS = (
             Column(
                 "lyapunov_late",
                 F64,
-                "lyapunov_late",
+                lambda runs: runs.lyapunov_late,
                 RATE,
                 "the same from half time; null: too short",
             ),
@@ -413,28 +451,28 @@ GROUPS = (
             Column(
                 "lyapunov_spectrum",
                 _SERIES,
-                "lyapunov_spectrum",
+                lambda runs: runs.lyapunov_spectrum,
                 RATE,
                 "the five Lyapunov exponents, descending; null: no motion",
             ),
             Column(
                 "lyapunov_spectrum_late",
                 _SERIES,
-                "lyapunov_spectrum_late",
+                lambda runs: runs.lyapunov_spectrum_late,
                 RATE,
                 "the same from half time; null: too short",
             ),
             Column(
                 "kaplan_yorke",
                 F64,
-                "kaplan_yorke",
+                lambda runs: runs.kaplan_yorke,
                 meaning="dimension of Kaplan and Yorke at constant energy, late",
                 refines=True,
             ),
             Column(
                 "regime",
                 TEXT,
-                "regime",
+                lambda runs: runs.regime,
                 meaning=f"{', '.join(REGIMES)}; null: unknown",
                 refines=True,
             ),
@@ -448,7 +486,7 @@ GROUPS = (
             Column(
                 "chaotic",
                 FLAG,
-                "chaotic",
+                lambda runs: runs.chaotic,
                 meaning="largest late exponent * t_end / 2 > 10; null: run too short",
             ),
         ),
@@ -462,7 +500,7 @@ GROUPS = (
             Column(
                 "volume_rate",
                 F64,
-                "outcome.volume_rate",
+                lambda runs: runs.integrated.volume_rate,
                 RATE,
                 "mean rate of the logarithm of phase volume over the run",
             ),
@@ -476,26 +514,26 @@ GROUPS = (
             Column(
                 "t_r_error",
                 F64,
-                "outcome.t_r_error",
+                lambda runs: runs.t_r_error,
                 TIME,
                 "estimated bound of the error of t_r; null: no t_r",
             ),
             Column(
                 "type_sure",
                 FLAG,
-                "type_sure",
+                lambda runs: runs.type_sure,
                 meaning="whether the type is the same within the errors",
             ),
             Column(
                 "amp_growth_error",
                 F64,
-                "outcome.amp_growth_error",
+                lambda runs: runs.amp_growth_error,
                 meaning="estimated error of amp_growth; null: unknown",
             ),
             Column(
                 "n_departure_error",
                 F64,
-                "outcome.n_departure_error",
+                lambda runs: runs.n_departure_error,
                 meaning="estimated error of n_departure; null: unknown",
             ),
         ),
@@ -508,7 +546,7 @@ GROUPS = (
             Column(
                 "tol",
                 F64,
-                "outcome.tol",
+                lambda runs: runs.tol,
                 meaning="tolerance at which the run was integrated",
             ),
         ),
@@ -522,7 +560,7 @@ GROUPS = (
             Column(
                 "n_turns",
                 I32,
-                "n_turns",
+                lambda runs: runs.n_turns,
                 meaning="turns, from a spin beyond n_i/4 to beyond -n_i/4",
                 formula="number of turns",
                 refines=True,
@@ -530,14 +568,14 @@ GROUPS = (
             Column(
                 "turn_times",
                 _SERIES,
-                "turn_times",
+                lambda runs: runs.turn_times,
                 TIME,
                 "first zero in each of the first eight turns",
             ),
             Column(
                 "spin_after_turn",
                 _SERIES,
-                "spin_after_turn",
+                lambda runs: runs.spin_after_turn,
                 RATE,
                 "largest absolute spin until the next turn",
             ),
@@ -551,14 +589,14 @@ GROUPS = (
             Column(
                 "reversals_sure",
                 I32,
-                "reversals_sure",
+                lambda runs: runs.reversals_sure,
                 meaning="first turns with an error below 1e-3; at most eight",
                 formula="number of confirmed turns",
             ),
             Column(
                 "reversal_times_error",
                 _SERIES,
-                "reversal_times_error",
+                lambda runs: runs.reversal_times_error,
                 TIME,
                 "estimated error of turn_times; null: unknown",
             ),
@@ -573,23 +611,23 @@ STATE_GROUP = Group(
     "state",
     "Launches from a full state",
     (
-        must("omega_x", F64, "state.omega_x"),
-        must("omega_y", F64, "state.omega_y"),
-        must("omega_z", F64, "state.omega_z"),
-        must("u_x", F64, "state.u_x"),
-        must("u_y", F64, "state.u_y"),
-        must("u_z", F64, "state.u_z"),
+        must("omega_x", F64, lambda runs: runs.state.omega_x),
+        must("omega_y", F64, lambda runs: runs.state.omega_y),
+        must("omega_z", F64, lambda runs: runs.state.omega_z),
+        must("u_x", F64, lambda runs: runs.state.u_x),
+        must("u_y", F64, lambda runs: runs.state.u_y),
+        must("u_z", F64, lambda runs: runs.state.u_z),
     ),
 )
 SIZE_GROUP = Group(
     "size",
     "Bodies in SI units",
     (
-        Column("t_r_s", F64, "t_r_s", "s", "t_r in seconds"),
+        Column("t_r_s", F64, lambda runs: runs.t_r_s, "s", "t_r in seconds"),
         must(
             "n_i_rpm",
             F64,
-            "n_i_rpm",
+            lambda runs: runs.n_i_rpm,
             "rpm",
             "n_i in turns a minute, counterclockwise from above",
         ),

@@ -1,69 +1,17 @@
-"""Runs before their integration: bodies, launches, theory, horizons."""
+"""Prepare runs: from their keys to bodies, launches, theory and horizons."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
-from rattlesweep.arrays import Flags, Floats, Integers
-from rattlesweep.design.bodies import Bodies
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.design.config.schema import Config, State
 from rattlesweep.design.models import constants_of, full_model_of, surface_constant
 from rattlesweep.design.plan import Plan
+from rattlesweep.design.prepared import Bodies, Launches
 from rattlesweep.physics import full, surface, theory
 from rattlesweep.physics.surface import Surface
-from rattlesweep.quantities import COUPLE_CONSTANTS, LOSSES
-
-
-@dataclass(frozen=True)
-class Launches:
-    """Runs that are ready to be integrated, as arrays with one entry per run."""
-
-    case: Integers
-    sample: Integers
-    bodies: Bodies
-
-    # Spin and oscillation
-    n_i: Floats
-    omega_xy0: Floats
-    psi: Floats
-
-    # Theory
-    modes: theory.Modes
-    gh: theory.GarciaHubbard
-    n_0: Floats  # spin if all energy were spin
-    n_c1: Floats  # Bondi's threshold; NaN if there is none
-
-    # Time at which a run without a reversal ends; not finite if there is none
-    horizon: Floats
-
-    # Name of the model that is integrated for `model: full`
-    full_model: str
-    # Constants of dissipation by name; none without it
-    losses: dict[str, Floats] = field(default_factory=dict)
-    # Fraction of the initial energy below which a body is dead
-    dead: Floats | None = None
-
-    @property
-    def spin_scale(self) -> Floats:
-        """Spin to compare others with: ``|n_i|``, or ``n_0`` if that is zero."""
-        return np.where(self.n_i == 0, self.n_0, np.abs(self.n_i))
-
-    @property
-    def has_couples(self) -> Flags:
-        """Whether couples of friction let the spin of a run decay."""
-        lossy = np.zeros(len(self.n_i), bool)
-        for name in COUPLE_CONSTANTS & self.losses.keys():
-            lossy |= self.losses[name] > 0
-        return lossy
-
-    @property
-    def has_linear_rate(self) -> Flags:
-        """Whether small oscillations of a run grow or decay at a rate of theory."""
-        linear = np.ones(len(self.n_i), bool)
-        for name, values in self.losses.items():
-            if not LOSSES[name].is_linear:
-                linear &= ~(values > 0)
-        return linear
+from rattlesweep.quantities import LOSSES
 
 
 def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:

@@ -3,8 +3,8 @@
 import numpy as np
 
 from rattlesweep.arrays import Floats
-from rattlesweep.design.bodies import Bodies
 from rattlesweep.design.config.schema import Config
+from rattlesweep.design.prepared import Bodies
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.model import (
     FRICTION,

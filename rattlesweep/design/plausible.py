@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from rattlesweep.arrays import Flags, Floats
-from rattlesweep.design.bodies import Bodies
 from rattlesweep.design.bodies.sources import bodies_at, ranges_of
 from rattlesweep.design.bodies.table import TableBodies
 from rattlesweep.design.config.schema import Config, SdSource, Target
-from rattlesweep.design.launches import Launches, prepare
+from rattlesweep.design.launches import prepare
 from rattlesweep.design.plan import Plan
+from rattlesweep.design.prepared import Bodies, Launches
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS

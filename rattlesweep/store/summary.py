@@ -16,7 +16,8 @@ import pyarrow as pa
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.design import columns as tables
 from rattlesweep.design.cases import VARIES, Case
-from rattlesweep.design.columns import F64, I32, I64, Values
+from rattlesweep.design.columns import F64, I32, I64
+from rattlesweep.design.results import Values
 from rattlesweep.errors import OutputError
 from rattlesweep.names import REGIMES
 from rattlesweep.physics.theory import unsteady

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, NamedTuple, TypeAlias, cast
+from typing import TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -13,19 +12,24 @@ from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers, scatter, take
 from rattlesweep.design.batches import ending_early, make_batch
-from rattlesweep.design.bodies import Bodies
 from rattlesweep.design.columns import (
     GROUPS,
     SIZE_GROUP,
     STATE_GROUP,
-    Values,
     build_table,
     ragged,
 )
 from rattlesweep.design.config.schema import Config
-from rattlesweep.design.launches import Launches, prepare
+from rattlesweep.design.launches import prepare
 from rattlesweep.design.models import model_of
 from rattlesweep.design.plan import Plan
+from rattlesweep.design.prepared import Bodies, Launches
+from rattlesweep.design.results import (
+    ClosedForm,
+    InitialStates,
+    Values,
+    Words,
+)
 from rattlesweep.integrate import batch as integration
 from rattlesweep.integrate.batch import Batch, Outcome
 from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
@@ -148,9 +152,9 @@ def columns_of(
 ) -> dict[str, Values]:
     """Return the columns of runs; without an outcome, by the closed form.
 
-    Each column of :mod:`rattlesweep.design.columns` names its source here.
+    Each column of :mod:`rattlesweep.design.columns` has the function that returns it.
     """
-    results = Results(config, launches, batch, outcome or closed_form(launches))
+    results = BlockResults(config, launches, batch, outcome or closed_form(launches))
     groups = [
         group for group in GROUPS if not group.optional or group.name in config.parts
     ]
@@ -161,37 +165,14 @@ def columns_of(
     columns: dict[str, Values] = {}
     for group in groups:
         for column in group.columns:
-            columns[column.name] = _value_at(results, column.source)
+            columns[column.name] = column.source(results)
     return columns | launches.bodies.carried
-
-
-def _value_at(results: Results, source: str) -> Values:
-    """Return what a dotted path leads to, by attributes and the keys of mappings."""
-    value: Any = results
-    for name in source.split("."):
-        value = value[name] if isinstance(value, Mapping) else getattr(value, name)
-    return cast("Values", value)
 
 
 def _descending(exponents: Floats) -> pa.Array:
     is_known = np.isfinite(exponents).all(axis=1)
     counts = np.where(is_known, exponents.shape[1], -1)
     return ragged(-np.sort(-exponents, axis=1), counts)
-
-
-@dataclass(frozen=True)
-class ClosedForm:
-    """What Garcia and Hubbard's theory says of runs, by the names of an `Outcome`."""
-
-    t_end: Floats
-    t_r: Floats
-    n_end: Floats
-    energy_drift: Floats
-    amp_growth: Floats
-    n_departure: Floats
-    status: Integers
-    n_steps: Integers
-    near_tangencies: Integers
 
 
 def closed_form(launches: Launches) -> ClosedForm:
@@ -217,23 +198,11 @@ def closed_form(launches: Launches) -> ClosedForm:
     )
 
 
-class InitialStates(NamedTuple):
-    """Components of full initial states along the bodies' axes."""
-
-    omega_x: Floats
-    omega_y: Floats
-    omega_z: Floats
-    u_x: Floats
-    u_y: Floats
-    u_z: Floats
-
-
 @dataclass(frozen=True)
-class Results:
+class BlockResults:
     """Runs with their results, and what follows from these.
 
-    A column of the rows is an attribute, or one of `launches`, `batch`, `outcome` or
-    `bodies`; see :attr:`rattlesweep.design.columns.Column.source`.
+    The columns are made from it; see :class:`rattlesweep.design.results.Results`.
     """
 
     config: Config
@@ -258,13 +227,39 @@ class Results:
         assert isinstance(self.outcome, Estimated)
         return self.outcome
 
+    @property
+    def t_r_error(self) -> Floats:
+        """Errors of reversal times."""
+        return self.estimated.t_r_error
+
+    @property
+    def amp_growth_error(self) -> Floats:
+        """Errors of the growth of amplitudes."""
+        return self.estimated.amp_growth_error
+
+    @property
+    def n_departure_error(self) -> Floats:
+        """Errors of the loss of spin."""
+        return self.estimated.n_departure_error
+
+    @property
+    def tol(self) -> Floats:
+        """Tolerances at which runs were integrated."""
+        return self.estimated.tol
+
+    @property
+    def window(self) -> Floats:
+        """Length of one window."""
+        assert self.batch is not None
+        return self.batch.window
+
     @cached_property
     def is_ok(self) -> Flags:
         """Whether the integration of a run succeeded."""
         return np.asarray(self.outcome.status == Status.OK)
 
     @property
-    def status(self) -> tuple[Integers, Sequence[str]]:
+    def status(self) -> Words:
         """Index of the status of each run, and the words."""
         return self.outcome.status, STATUS_WORDS
 
@@ -283,7 +278,7 @@ class Results:
         )
 
     @property
-    def type(self) -> tuple[NDArray[np.int8], Sequence[str]]:
+    def type(self) -> Words:
         """Index of the type of each run, and the words."""
         return self.type_codes, TYPES
 
@@ -432,7 +427,7 @@ class Results:
         return regimes.kaplan_yorke(self._level)
 
     @property
-    def regime(self) -> tuple[Integers, Sequence[str]]:
+    def regime(self) -> Words:
         """Index of the regime of each run, and the words."""
         third, last = integration.late_growths(self.integrated.growth)
         # The last exponent is that of the energy.

@@ -6,8 +6,9 @@ import numpy as np
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.design.config.schema import SdSource
-from rattlesweep.design.launches import Launches, prepare
+from rattlesweep.design.launches import prepare
 from rattlesweep.design.plan import Plan, make_plan
+from rattlesweep.design.prepared import Launches
 
 RUNS_PER_CASE = 16  # sampled for the expected cost of a case
 RUNS_ALONE = 256  # the same for the only case

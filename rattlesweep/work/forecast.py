@@ -9,8 +9,9 @@ import pyarrow as pa
 from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.design.batches import make_batch
 from rattlesweep.design.columns import floats
-from rattlesweep.design.launches import Launches, prepare
+from rattlesweep.design.launches import prepare
 from rattlesweep.design.plan import Plan
+from rattlesweep.design.prepared import Launches
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.store.parquet import encode
 from rattlesweep.text import clock, counted

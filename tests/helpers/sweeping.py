@@ -16,8 +16,8 @@ from click.testing import CliRunner
 
 from rattlesweep import cli
 from rattlesweep.design.config.read import load_config, parse_config
-from rattlesweep.design.launches import Launches
 from rattlesweep.design.plan import Plan, make_plan
+from rattlesweep.design.prepared import Launches
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.store.rows import open_stored
 from rattlesweep.work.block import prepare_runs

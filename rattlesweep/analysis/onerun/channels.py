@@ -27,7 +27,7 @@ from rattlesweep.physics.readings import (
 from rattlesweep.quantities import ENERGY, FORCE, LENGTH, RATE, SPEED, TIME
 
 if TYPE_CHECKING:
-    from rattlesweep.design.launches import Launches
+    from rattlesweep.design.prepared import Launches
     from rattlesweep.integrate.follow import Follower, Samples
     from rattlesweep.physics.si import Units
 

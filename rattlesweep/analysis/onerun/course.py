@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from rattlesweep.design.config.schema import Config
-    from rattlesweep.design.launches import Launches
+    from rattlesweep.design.prepared import Launches
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.physics.si import Units
 

@@ -13,8 +13,9 @@ from rattlesweep.analysis.onerun.course import PreparedRun
 from rattlesweep.analysis.where import parse_where
 from rattlesweep.arrays import take
 from rattlesweep.design.batches import make_batch
-from rattlesweep.design.launches import Launches, prepare
+from rattlesweep.design.launches import prepare
 from rattlesweep.design.plan import Plan
+from rattlesweep.design.prepared import Launches
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.physics.si import Units
 from rattlesweep.store.manifest import stored_plan

@@ -27,7 +27,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.design.bodies import Bodies, Source
+from rattlesweep.design.bodies import Source
 from rattlesweep.design.bodies.table import TableBodies, read_bodies, run_fields
 from rattlesweep.design.columns import MEASURED
 from rattlesweep.design.config.schema import (
@@ -40,6 +40,7 @@ from rattlesweep.design.config.schema import (
     Target,
     of_preset,
 )
+from rattlesweep.design.prepared import Bodies
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.compile import Kernel, load_kernels

@@ -22,7 +22,6 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import EXACT_WHOLE, Flags, Floats, Integers, take
-from rattlesweep.design.bodies import Bodies
 from rattlesweep.design.columns import (
     F64,
     I64,
@@ -34,6 +33,7 @@ from rattlesweep.design.columns import (
 )
 from rattlesweep.design.config.schema import FROM_TABLE, TableSource
 from rattlesweep.design.config.values import AT_REST, NO_UNIT_VECTOR, normalised
+from rattlesweep.design.prepared import Bodies
 from rattlesweep.design.tables import read_table, unreadable
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.files import as_path
