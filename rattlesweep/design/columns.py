@@ -508,6 +508,21 @@ GROUPS = (
         not_with=("reduced", "gh"),
     ),
     _recorded(
+        "t_half",
+        "`record: [t_half]`",
+        (
+            Column(
+                "t_half",
+                F64,
+                lambda runs: runs.integrated.t_half,
+                TIME,
+                "first time at which the spin has half its size; null: never",
+                refines=True,
+            ),
+        ),
+        not_with=("gh",),
+    ),
+    _recorded(
         "error",
         "`record: [error]`",
         (

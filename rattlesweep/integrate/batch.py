@@ -19,6 +19,7 @@ from rattlesweep.integrate.compile import Kernel, Order, load_kernels
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.lanes import pivots, runs, slides
 from rattlesweep.integrate.lanes.lane import INNER, LANES, Problem, addresses_of
+from rattlesweep.integrate.lanes.marks import MARKS
 from rattlesweep.integrate.lanes.runs import SHAPES, Recording
 from rattlesweep.integrate.lanes.step import OPTIONS, SUBSTEPS, write_attempt
 from rattlesweep.integrate.model import FRAME, FULL, TANGENT, Model, find_model
@@ -305,6 +306,7 @@ class Outcome:
     contact_ratio_max: Floats
     contact_normal_min: Floats
     volume_rate: Floats
+    t_half: Floats  # first time at which the spin has half its size at launch
     # Amplitude, least and largest spin in each window, shape (runs, 64, 3).
     windows: Floats
     # Time of each reversal and largest modulus of the spin until the next, shape (runs,
@@ -531,6 +533,8 @@ def _recording(count: int, record: Collection[str]) -> Recording:
     arrays = {}
     for name, shape in SHAPES._asdict().items():
         arrays[name] = np.full((count if name in record else 0, *shape), np.nan)
+    if not {mark.name for mark in MARKS}.isdisjoint(record):
+        arrays["marks"] = np.full((count, *SHAPES.marks), np.nan)
     if "spectrum" in record:
         shape = count, runs.N_WINDOWS + runs.N_MARKS, 1 + runs.N_GROWTHS
         arrays["lyapunov"] = np.full(shape, np.nan)
@@ -584,6 +588,7 @@ def _outcome(
         contact_ratio_max=recording.contact[:, 0, 0],
         contact_normal_min=recording.contact[:, 0, 1],
         volume_rate=recording.volume[:, 0, 0],
+        t_half=recording.marks[:, 0, 0],
         windows=recording.windows,
         reversals=recording.reversals,
         growth=_without_marks(recording.lyapunov, result[:, runs.T_END]),

@@ -77,7 +77,9 @@ def record_steps(
     """
     widest_vectors()
     nothing = reversals[:0]
-    recording = runs.Recording(nothing, contact, nothing, reversals, nothing, nothing)
+    recording = runs.Recording(
+        nothing, contact, nothing, reversals, nothing, nothing, nothing
+    )
     max_steps = options[kernel.MOST_STEPS]
     lane = lane_of(problem, w, 0)
     if counts[BEGUN] == 0:

@@ -23,7 +23,8 @@ its rate or a difference along the flow.  The functions are
   zeros matters, so it is enough to know the piece or a point beyond;
 - the ratio of the contact forces, the normal force and the modulus of the spin after a
   reversal, of which the largest or least value is searched, once it is known how the
-  step ends.
+  step ends;
+- marks (`lanes.marks`), whose first zeros are searched then, too.
 """
 
 # mypy: disable-error-code="no-any-return"
@@ -32,12 +33,14 @@ from math import ceil, floor, sqrt
 from numba import njit
 
 from rattlesweep.integrate.lanes.lane import INNER, SMOOTH, Lane, Point
+from rattlesweep.integrate.lanes.marks import MARKS, value_of
 from rattlesweep.physics.full import scalar
 
 # Modes of a lane.
 STEP, SCAN, MINIMUM, ROOT, REDO, PEAK, RETAKE = range(7)
 # The functions, in the order in which they are searched.
-SPIN, LIMIT, FAR, RATIO, LIFT, TURN, N_FUNCTIONS = range(7)
+SPIN, LIMIT, FAR, RATIO, LIFT, TURN, FIRST_MARK = range(7)
+N_FUNCTIONS = FIRST_MARK + len(MARKS)
 # Moves of the search: go back and try ``lane.h_next``, accept the step just tried,
 # accept it as a step that ends at a zero; or the spin is as far as awaited in the step,
 # and the search goes on behind that.
@@ -415,13 +418,7 @@ def search_peaks(lane: Lane) -> int:
     The first move follows the try of that step, the last one its repetition.
     """
     if lane.mode == PEAK:
-        tried = _peak_end(lane)
-        if tried.rate > 0.0:
-            lane.lo = tried
-        else:
-            lane.hi = tried
-        lane.tries += 1.0
-        if not _try_peak(lane):
+        if not (_try_mark(lane) if lane.searched >= FIRST_MARK else _climb(lane)):
             # The step to take is tried again, since its end has been overwritten.
             lane.mode = RETAKE
             lane.h_next = lane.full.h
@@ -434,12 +431,27 @@ def search_peaks(lane: Lane) -> int:
         lane.full = Point(lane.h, 0.0, 0.0)
         lane.full_next = lane.h_next
     while lane.searched < N_FUNCTIONS:
-        if _bracket_peak(lane) and _try_peak(lane):
+        if lane.searched >= FIRST_MARK:
+            if _bracket_mark(lane):
+                return HOLD
+        elif _bracket_peak(lane) and _try_peak(lane):
             return HOLD
         lane.searched += 1.0
     lane.searched = SPIN
     lane.mode = STEP
     return int(lane.move)
+
+
+@njit(**INNER)
+def _climb(lane: Lane) -> bool:
+    """Narrow LO..HI by the point just tried; return whether there is a next one."""
+    tried = _peak_end(lane)
+    if tried.rate > 0.0:
+        lane.lo = tried
+    else:
+        lane.hi = tried
+    lane.tries += 1.0
+    return bool(_try_peak(lane))
 
 
 @njit(**INNER)
@@ -486,3 +498,81 @@ def _try_peak(lane: Lane) -> bool:
     else:
         lane.n_peak = max(lane.n_peak, top)
     return False
+
+
+# Marks.
+
+
+@scalar
+def mark_points(lane, k):  # type: ignore[no-untyped-def]
+    """Return the mark ``k`` at both ends of the step just tried."""
+    value, rate = value_of(k, lane.n0, lane.rate0, lane.n_launch)
+    end, end_rate = value_of(k, lane.n1, lane.rate1, lane.n_launch)
+    return Point(0.0, value, rate), Point(lane.h, end, end_rate)
+
+
+@scalar
+def may_dip(start, end):  # type: ignore[no-untyped-def]
+    """Return whether a function may fall below zero between two points."""
+    below = Point(start.h, -start.value, -start.rate)
+    return may_peak(below, Point(end.h, -end.value, -end.rate), 0.0)
+
+
+@scalar
+def may_reach(lane, k):  # type: ignore[no-untyped-def]
+    """Return whether the step just tried may hold the mark ``k``."""
+    start, end = mark_points(lane, k)
+    return (end.value <= 0.0) | may_dip(start, end)
+
+
+@njit(**INNER)
+def _bracket_mark(lane: Lane) -> bool:
+    """Set the first point to try if the step may hold the mark that is searched."""
+    k = int(lane.searched) - FIRST_MARK
+    if (int(lane.marks_due) >> k) % 2 == 0:
+        return False
+    lane.lo, lane.hi = mark_points(lane, k)
+    lane.tries = 0.0
+    if not (lane.hi.value <= 0.0 or may_dip(lane.lo, lane.hi)):
+        # The step ends earlier than the one that was observed.
+        return False
+    lane.mode = PEAK
+    lane.h_next = _secant(lane) if lane.hi.value <= 0.0 else _towards_extremum(lane)
+    return True
+
+
+@njit(**INNER)
+def _secant(lane: Lane) -> float:
+    """Return where the secant through both ends of the bracket is zero."""
+    lo = lane.lo
+    hi = lane.hi
+    return lo.h + lo.value / (lo.value - hi.value) * (hi.h - lo.h)
+
+
+@njit(**INNER)
+def _try_mark(lane: Lane) -> bool:
+    """Narrow LO..HI by the point just tried; return whether there is a next one.
+
+    Note the mark once it is found.
+    """
+    k = int(lane.searched) - FIRST_MARK
+    _, tried = mark_points(lane, k)
+    if lane.hi.value <= 0.0:
+        if _polish(lane, tried) == HOLD:
+            return True
+        lane.mark_found = k + 1.0
+        lane.t_mark = lane.t + (lane.h - lane.t_low)
+        return False
+    # The least value of a dip.
+    if tried.value <= 0.0:
+        lane.hi = tried
+        lane.tries = 0.0
+        lane.h_next = _secant(lane)
+        return True
+    if tried.rate < 0.0:
+        lane.lo = tried
+    else:
+        lane.hi = tried
+    lane.tries += 1.0
+    lane.h_next = _towards_extremum(lane)
+    return bool(may_dip(lane.lo, lane.hi)) and lane.tries < MAX_PEAK_TRIES

@@ -302,6 +302,8 @@ def try_step(problem, parts, w, options, recording):
         call(parts[SLIDE], arguments)
     if recorded(recording.reversals):
         runs.observe_spin(problem, w)
+    if recorded(recording.marks):
+        runs.observe_marks(problem, w, recording.marks)
     return decide(problem, w, options[FIXED_STEP], options[MOST_STEPS])
 
 
@@ -351,7 +353,10 @@ def search_closely(problem, parts, w, l, max_steps, recording):
         lane.move = move
         if status not in (OK, LIMIT) or move == HOLD or lane.watched == 0.0:
             return status, move
-    return call_for_pair(parts[DECIDE], (problem, w, l, max_steps, PEAKS))
+    status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, PEAKS))
+    if recorded(recording.marks):
+        runs.note_mark(lane, recording.marks)
+    return status, move
 
 
 @njit(**INNER)
@@ -399,6 +404,7 @@ def work(
     reversals,
     volume,
     lyapunov,
+    marks,
 ):
     """Integrate runs of the queue in one thread, until it is empty or a stop is asked.
 
@@ -406,7 +412,9 @@ def work(
     the last arguments are the arrays of a Recording.
     """
     widest_vectors()
-    recording = runs.Recording(energy, contact, windows, reversals, volume, lyapunov)
+    recording = runs.Recording(
+        energy, contact, windows, reversals, volume, lyapunov, marks
+    )
     watching = is_watching(problem, recording)
     max_steps = options[MOST_STEPS]
     busy = 0

@@ -287,6 +287,11 @@ class Fields:
     watched: Number  # above 0 if the step may hold such a zero or a new extreme
     move: Number  # what happens after the search for extremes
 
+    # Marks (marks.py).
+    marks_due: Number  # bits of those that the step may hold
+    mark_found: Number  # 1 + the index of one that was found in it, or 0
+    t_mark: Number  # its time
+
     # Comparisons of squared amplitudes.
     a_max: Number  # largest since the last comparison
     a_min: Number  # smallest of those compared

@@ -18,6 +18,7 @@ from rattlesweep.integrate.lanes.events import (
     least_turn,
     may_be_far,
     may_peak,
+    may_reach,
     turn_points,
 )
 from rattlesweep.integrate.lanes.lane import (
@@ -31,6 +32,7 @@ from rattlesweep.integrate.lanes.lane import (
     moved,
     widest_vectors,
 )
+from rattlesweep.integrate.lanes.marks import MARKS
 from rattlesweep.integrate.model import Model
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH, scalar
@@ -86,6 +88,7 @@ class Recording(NamedTuple):
     # run.  If a step ends several windows, only the row of the first is filled.  With a
     # frame there are N_GROWTHS logarithms: of its tangents, the flow and the energy.
     lyapunov: Floats
+    marks: Floats  # times of the first zeros of `lanes.marks`
 
 
 N_GROWTHS = 5
@@ -103,6 +106,7 @@ SHAPES = Recording(
     reversals=(MOST_REVERSALS, 2),
     volume=(1, 1),
     lyapunov=(N_WINDOWS, 2),
+    marks=(1, len(MARKS)),
 )
 
 OK = int(Status.OK)
@@ -361,6 +365,29 @@ def observe_spin(problem, w):
         start, end = turn_points(lane)
         peak = (start.value > 0.0) & may_peak(start, end, least_turn(lane))
         lane.watched += 1.0 if peak | may_be_far(lane) else 0.0
+
+
+@njit(**INNER)
+def observe_marks(problem, w, marks):
+    """Compute which steps tried may hold a mark that has not been reached."""
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        run = int(lane.run)
+        due = 0
+        if run >= 0 and lane.n_launch != 0.0:
+            for k in range(len(MARKS)):
+                if not marks[run, 0, k] >= 0.0 and may_reach(lane, k):
+                    due += 1 << k
+        lane.marks_due = due
+        lane.watched += due
+
+
+@njit(**INNER)
+def note_mark(lane, marks):
+    """Store the mark that was found in the step, if there is one."""
+    if lane.mark_found > 0.0:
+        marks[int(lane.run), 0, int(lane.mark_found) - 1] = lane.t_mark
+        lane.mark_found = 0.0
 
 
 @njit(**INNER)
