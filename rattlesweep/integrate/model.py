@@ -366,7 +366,7 @@ def _vectors_error(e, y, constants):
 
 @scalar
 def _vectors_energy(y, constants):
-    return vectors.energy(*(y[:7] + constants))
+    return vectors.energy(*(y[:7] + constants[:10]))
 
 
 @scalar
@@ -407,6 +407,64 @@ VECTORS = Model(
     work=_vectors_work,
     rise=_vectors_rise,
     volume=_vectors_volume,
+)
+
+
+@scalar
+def _vectors_parts(y, constants):
+    """Return what `pivoting.pivoting_parts` does, and where the body is."""
+    vx, vy, vz, a, b, c = y[:6]
+    shape = constants[3:7]
+    sigma = constants[7]
+    u = vectors.unit(vx, vy, vz)
+    omega = a, b, c
+    r, rho = vectors.contact(*u, *shape)
+    rates, _, w, solved = vectors.smooth_rates(
+        u, omega, r, rho, shape, constants[:3], sigma
+    )
+    changed, torque, normal, rolled = pivoting.rolling_and_pivoting(
+        u, omega, r, w, rates, solved, constants[7:]
+    )
+    power = rolled - sigma * stone.dot(omega, omega)
+    return changed, torque, normal, power, (u, omega, r, w)
+
+
+@scalar
+def _vectors_pivoting_rhs(y, constants):
+    vx, vy, vz, a, b, c = y[:6]
+    changed, torque, _, power, (u, omega, _, _) = _vectors_parts(y, constants)
+    rates = vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
+    taken = torque * stone.dot(u, omega)
+    return rates + changed + (power + taken, taken)
+
+
+@scalar
+def _vectors_pivoting_contact(y, constants):
+    changed, _, _, _, (u, omega, r, w) = _vectors_parts(y, constants)
+    return stone.force_at(*u, *omega, *changed, *r, *w)
+
+
+@scalar
+def _vectors_pivot(y, constants):
+    _, torque, normal, _, _ = _vectors_parts(y, constants)
+    return torque, normal
+
+
+@scalar
+def _vectors_pivot_work(y):
+    return y[7]
+
+
+VECTORS_PIVOTING = replace(
+    VECTORS,
+    name="vectors_pivoting",
+    n_state=vectors.N_STATE + 1,
+    constants=(*vectors.CONSTANTS, "pivot", "sense"),
+    rhs=_vectors_pivoting_rhs,
+    contact=_vectors_pivoting_contact,
+    volume=None,
+    pivot=_vectors_pivot,
+    pivot_work=_vectors_pivot_work,
 )
 
 
@@ -557,7 +615,14 @@ def _with_pivot(model: Model, touch: Formula, parts: Formula) -> Model:
         )
         return torque, normal
 
-    return replace(model, n_state=pivoting.N_STATE, pivot=pivot, pivot_work=_pivot_work)
+    return replace(
+        model,
+        n_state=pivoting.N_STATE,
+        pivot=pivot,
+        pivot_work=_pivot_work,
+        volume=None,
+        anywhere=None if model.anywhere is None else VECTORS_PIVOTING,
+    )
 
 
 FRICTIONLESS = {FULL.name: FULL}
@@ -671,6 +736,21 @@ VECTORS_SLIDING = replace(
 )
 
 
+@scalar
+def _place_with_pivoting(y, creep, constants):
+    rates, u, omega, r, w, inertia, torque, (x, y_, z) = _place_in_any_position(
+        y, creep, constants[:10]
+    )
+    px, py, pz = pivoting.sliding_drag(u, stone.dot(u, omega), constants[10], creep)
+    return rates, u, omega, r, w, inertia, torque, (x + px, y_ + py, z + pz)
+
+
+VECTORS_PIVOTING_SLIDING = replace(
+    VECTORS_PIVOTING,
+    name="vectors_pivoting_sliding",
+    slide=Slide(_place_with_pivoting, _with_works),
+)
+
 STEEPEST = 100.0
 
 
@@ -685,7 +765,10 @@ def _all_sliding() -> dict[str, Model]:
     for name, model in models.items():
         if model.anywhere is not None and model.slide is not None:
             slide = replace(model.slide, steepest=STEEPEST)
-            model = replace(model, slide=slide, anywhere=VECTORS_SLIDING)
+            anywhere = VECTORS_SLIDING
+            if model.pivot is not None:
+                anywhere = VECTORS_PIVOTING_SLIDING
+            model = replace(model, slide=slide, anywhere=anywhere)
         if model.flat is not None:
             model = replace(model, flat=models[model.flat.name])
         models[name] = model
@@ -900,13 +983,13 @@ ATTITUDES = {
     plain.name: _with_attitude(plain)
     for plain in (*FRICTIONLESS.values(), *FRICTION.values(), *SLIDING.values())
 }
-ATTITUDES |= {plain.name: _with_rotation(plain) for plain in (VECTORS, VECTORS_SLIDING)}
+ANYWHERE = VECTORS, VECTORS_SLIDING, VECTORS_PIVOTING, VECTORS_PIVOTING_SLIDING
+ATTITUDES |= {plain.name: _with_rotation(plain) for plain in ANYWHERE}
 """Models of single steps that add the attitude, by the name of the model without it."""
 
-PLAIN = *FRICTIONLESS.values(), VECTORS, *FRICTION.values(), REDUCED
-SLIDING_MODELS = *SLIDING.values(), VECTORS_SLIDING
+ROLLING_MODELS = *FRICTIONLESS.values(), *FRICTION.values(), REDUCED, TANGENT, FRAME
 MODELS: dict[str, Model] = {
-    model.name: model for model in (*PLAIN, TANGENT, FRAME, *SLIDING_MODELS)
+    model.name: model for model in (*ROLLING_MODELS, *SLIDING.values(), *ANYWHERE)
 }
 
 

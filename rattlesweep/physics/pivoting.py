@@ -149,7 +149,7 @@ def pivoting_parts(contact, y, inertia, shape, loss):
 
     The power is that of the other friction.
     """
-    sigma, lever, sense = loss
+    sigma, _, _, lever, sense = loss
     _, _, a, b, c = y[:5]
     couple = -sigma * a, -sigma * b, -sigma * c
     place, u, omega, r, w, rates, solved = _smooth_parts(
@@ -197,7 +197,7 @@ def rolling_pivoting_rhs(contact, y, inertia, shape, loss):
 @scalar
 def pivoting_couples(u, omega, loss, creep):
     """Return the couples on a body that slides: viscous, and of the patch."""
-    sigma, lever, _ = loss
+    sigma, _, _, lever, _ = loss
     a, b, c = omega
     drag = sliding_drag(u, dot(u, omega), lever, creep)
     return (-sigma * a, -sigma * b, -sigma * c), drag

@@ -108,7 +108,7 @@ FURTHER = (ELLIPSOID,)
 
 SURFACES = {surface.name: surface for surface in (PARABOLOID, *FURTHER)}
 
-# Both have the constants of `physics.vectors`.
+# All laws have the constants of `physics.vectors`.
 COUPLES = ("sigma", "rolling", stone.SMOOTHING)
 VISCOUS = Friction(
     "viscous",
@@ -127,7 +127,8 @@ ROLLING = Friction(
 PIVOTING = Friction(
     "pivoting",
     pivoting.pivoting_couples,
-    ("sigma", "pivot"),
+    (*COUPLES, "pivot"),
+    in_vectors=True,
     rhs=pivoting.pivoting_rhs,
     pivot=pivoting.pivoting_parts,
 )
@@ -135,6 +136,7 @@ ROLLING_PIVOTING = Friction(
     "rolling_pivoting",
     pivoting.rolling_pivoting_couples,
     (*COUPLES, "pivot"),
+    in_vectors=True,
     rhs=pivoting.rolling_pivoting_rhs,
     pivot=pivoting.rolling_parts,
 )
