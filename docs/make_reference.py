@@ -81,7 +81,7 @@ EXAMPLES = {
     "horizon": ["horizon: {t_rgh: 5, t: 1.0e+5}"],
     "dissipation": [
         "dissipation: {sigma: [0.001, 0.003], rolling: 0.001}",
-        "dissipation: {mu: 0.3}",
+        "dissipation: {pivot: [0.0005, 0.002], mu: 0.3}",
     ],
     "integrator": [
         "integrator: {method: verner98, tol: 1.0e-11}",

@@ -273,8 +273,9 @@ def simulate(
     **settings
         Dissipation, by the names of the config: arrays of ``sigma``, the coefficient of
         a torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``, and of ``rolling``, the lever
-        of a rolling resistance, in ``a``, and ``mu``, the coefficient of sliding
-        friction, without which the foot never slides.  Integrator: ``method`` with
+        of a rolling resistance, and of ``pivot``, the lever of the torque against
+        pivoting, both in ``a``, and ``mu``, the coefficient of sliding friction,
+        without which the foot never slides.  Integrator: ``method`` with
         ``tol`` or ``dt_step``, or an ``accuracy``: ``"draft"``, ``{"t_r": 1e-6}``.
 
     Examples
@@ -497,10 +498,10 @@ def fit(
         is the first row, or time 0.  A column such as ``angle_error_deg`` has the
         standard errors.
     free : sequence of str
-        Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, mu, skew``
-        (which is ``-xi``), ``xi, theta, phi, alpha, beta, gamma, c``, and of a mapping
-        ``length, width, height, mass, weights, wall, axes_angle, f_sd``.  The search
-        begins at their given values.
+        Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, pivot, mu,
+        skew`` (which is ``-xi``), ``xi, theta, phi, alpha, beta, gamma, c``, and of a
+        mapping ``length, width, height, mass, weights, wall, axes_angle, f_sd``.  The
+        search begins at their given values.
     launch : mapping
         ``n_i, omega_xy0, psi`` or ``omega, u``; free parameters may be left out.
     error : number or str, optional
@@ -508,7 +509,8 @@ def fit(
     progress : bool, optional
         Whether to show a bar, by default in a terminal and in a notebook.
     **losses
-        Dissipation, as for ``simulate``: ``sigma``, ``rolling`` and ``mu``.
+        Dissipation, as for ``simulate``: ``sigma``, ``rolling``, ``pivot`` and
+        ``mu``.
 
     Raises
     ------

@@ -123,6 +123,31 @@ NOT_LINEAR = " or ".join(f"{x.name} > 0" for x in LOSSES.values() if not x.is_li
 
 # Columns beside those of optional constants of dissipation.
 WITH_LOSS = {
+    "pivot": (
+        Column(
+            "t_held",
+            F64,
+            lambda runs: runs.integrated.t_held,
+            TIME,
+            "first time at which the spin is held at zero; null: never",
+            refines=True,
+        ),
+        Column(
+            "held_time",
+            F64,
+            lambda runs: runs.integrated.held_time,
+            TIME,
+            "time for which the spin is held at zero",
+            refines=True,
+        ),
+        Column(
+            "pivot_work",
+            F64,
+            lambda runs: runs.integrated.pivot_work,
+            meaning="energy lost by pivoting over the initial energy",
+            refines=True,
+        ),
+    ),
     "mu": (
         Column(
             "t_slide",

@@ -1,9 +1,9 @@
 """Types of runs: R, SS, SW, unclassified (as in the paper), and D.
 
-A run is R if the spin reaches zero by the horizon, else D if hardly any energy is left,
-else SS if the amplitude of the relevant oscillation decays monotonically, else SW if
-the spin leaves its plateau.  Types follow from stored numbers, so stored runs can be
-typed again.
+A run is R if the spin reaches zero by the horizon, else D if hardly any energy is left
+or friction holds the spin at zero, else SS if the amplitude of the relevant oscillation
+decays monotonically, else SW if the spin leaves its plateau.  Types follow from stored
+numbers, so stored runs can be typed again.
 """
 
 from collections.abc import Sequence
@@ -30,6 +30,7 @@ def classify(
     n_departure: Floats,
     thresholds: Classify,
     energy_left: Floats | None = None,
+    is_held: Flags | None = None,
 ) -> NDArray[np.int8]:
     """Return the indices of types in :data:`TYPES`, -1 for runs that are not ok.
 
@@ -37,7 +38,9 @@ def classify(
     """
     is_dead = np.zeros(ok.shape, bool)
     if energy_left is not None:
-        is_dead = energy_left < thresholds.dead_energy
+        is_dead |= energy_left < thresholds.dead_energy
+    if is_held is not None:
+        is_dead |= is_held
     # The first condition that holds decides.
     cases = {
         -1: ~ok,
@@ -48,6 +51,14 @@ def classify(
     }
     codes = np.select([*cases.values()], [*cases], CODE_UNCLASSIFIED)
     return codes.astype(np.int8)
+
+
+def is_held_at_end(t_held: Floats, n_end: Floats) -> Flags:
+    """Return whether pivoting friction holds the spin at the end of a run.
+
+    The spin is then stored as exactly zero.
+    """
+    return np.asarray(np.isfinite(t_held) & (n_end == 0.0))
 
 
 def sure_types(
@@ -88,8 +99,14 @@ def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
     energy_left = None
     if "energy_left" in names:
         energy_left = floats(rows.column("energy_left"))
+    is_held = None
+    if "t_held" in names:
+        t_held = floats(rows.column("t_held"))
+        is_held = is_held_at_end(t_held, floats(rows.column("n_end")))
     is_ok = pc.equal(rows.column("status"), "ok").to_numpy()
-    codes = classify(is_ok, t_r, amp_growth, n_departure, thresholds, energy_left)
+    codes = classify(
+        is_ok, t_r, amp_growth, n_departure, thresholds, energy_left, is_held
+    )
     indices = pa.array(codes, mask=codes < 0)
     types = pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())
     rows = _with_column(rows, "type", types)

@@ -37,11 +37,17 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, METHODS, TOL
 from rattlesweep.integrate.task import Control, Task
 from rattlesweep.names import REGIMES
-from rattlesweep.physics import steady
+from rattlesweep.physics import full, steady
 from rattlesweep.physics.theory import damping_rates, unsteady
 from rattlesweep.store import regimes
 from rattlesweep.store.decide import Refining
-from rattlesweep.store.types import TYPES, classify, is_chaotic, sure_types
+from rattlesweep.store.types import (
+    TYPES,
+    classify,
+    is_chaotic,
+    is_held_at_end,
+    sure_types,
+)
 from rattlesweep.work.error import Estimated, fit_of, integrate_estimated
 
 Prepared: TypeAlias = tuple[Launches, Batch | None]  # no batch for the closed form
@@ -275,7 +281,15 @@ class BlockResults:
             self.outcome.n_departure,
             self.config.classify,
             self.energy_left if self.config.dissipation else None,
+            self._is_held,
         )
+
+    @property
+    def _is_held(self) -> Flags | None:
+        """Whether the spin is held at the end, None without pivoting friction."""
+        if not self.config.dissipation.pivots:
+            return None
+        return is_held_at_end(self.integrated.t_held, self.integrated.n_end)
 
     @property
     def type(self) -> Words:
@@ -314,8 +328,9 @@ class BlockResults:
         """Fraction of the initial energy that is left."""
         left = np.ones(len(self.integrated.energy_0))
         if self.config.dissipation.has_couples:
-            # The last component of the state is the work of the couples.
-            left = 1 + self.integrated.y_end[:, -1] / self.integrated.energy_0
+            # The work of all couples follows the state.
+            work = self.integrated.y_end[:, full.N_STATE]
+            left = 1 + work / self.integrated.energy_0
         if self.config.dissipation.slides:
             left = left - self.integrated.slide_work
         return left

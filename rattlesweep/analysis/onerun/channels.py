@@ -68,9 +68,19 @@ class View:
     def work(self) -> Floats:
         """The work of the dissipation: of couples, a variable, and of slides."""
         of_slides: Floats = self.samples.slip[:, SLIP_WORK]
-        if self.follower.model.law is not None or self.is_anywhere:
+        if self.is_anywhere:
             of_slides = of_slides + self.y[-1]
+        elif self.follower.model.law is not None:
+            of_slides = of_slides + self.y[full.N_STATE]
         return of_slides
+
+    @property
+    def held(self) -> Flags:
+        """Whether pivoting friction holds the spin at zero."""
+        if self.follower.model.pivot is None:
+            return np.zeros(len(self.samples.t), bool)
+        is_held: Flags = (self.samples.sense == 0) & ~self.slides
+        return is_held
 
     @property
     def slides(self) -> Flags:
@@ -275,6 +285,13 @@ def _channels() -> Iterator[Channel]:
         "1 where the contact point slides, else 0",
         _FULL,
         lambda view: view.slides.astype(float),
+    )
+    yield Channel(
+        "held",
+        "1",
+        "1 where friction holds the spin at zero, else 0",
+        _FULL,
+        lambda view: view.held.astype(float),
     )
     yield Channel(
         "v_slip",

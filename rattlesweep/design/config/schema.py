@@ -628,6 +628,11 @@ class Dissipation(LossKeys):  # type: ignore[misc]
         return law_of(self.present) if self.has_couples else None
 
     @property
+    def pivots(self) -> bool:
+        """Whether friction resists the spin and can hold it at zero."""
+        return "pivot" in self.present
+
+    @property
     def slides(self) -> bool:
         """Whether the foot slides where the plane does not hold it."""
         return "mu" in self.present

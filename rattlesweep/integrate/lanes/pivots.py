@@ -37,6 +37,10 @@ LIMIT = int(Status.LIMIT)
 # Columns of the results of a run, after its state.
 T_HELD, HELD_TIME, PIVOT_WORK, N_COLUMNS = range(4)
 TINY = 1e-290
+# By how much a limit is passed before it counts, so that rounding errors do not take
+# the lane back at once: a share of the lever, and a spin in sqrt(g/a).
+PASSED = 1e-13
+PASSED_SPIN = 1e-15
 
 
 @njit(**INNER)
@@ -56,7 +60,7 @@ def lever_of(lane):
 def margin(lane, y):
     """Return the torque that the plane can still give to hold the spin."""
     torque, normal = lane.problem.model.pivot(y, lane.constants)
-    return lever_of(lane) * normal - abs(torque)
+    return lever_of(lane) * (normal + PASSED) - abs(torque)
 
 
 @scalar
@@ -73,7 +77,7 @@ def turn_point(lane, h, y, f):
     """Return the limit of a spin with a sign; nothing for one that is held."""
     sense = lane.constants[-1]
     model = lane.problem.model
-    value = sense * model.spin(y)
+    value = sense * model.spin(y) + PASSED_SPIN
     rate = sense * model.spin_rate(y, f)
     return Point(h, 1.0 if sense == 0.0 else value, rate)
 
@@ -269,6 +273,8 @@ def pivoting_hooks(base: Hooks) -> Hooks:
         base_finish(lane, status, reversal, t, run, result, counts, recording)
         if lane.spin_ends == HELD:
             lane.held_time += t - lane.t_hold
+            # Without the rounding errors of the state, so that rows tell it is held.
+            result[run, runs.N_END] = 0.0
         model = lane.problem.model
         first = runs.FIRST_STATE + model.n_state
         result[run, first + T_HELD] = lane.t_held if lane.t_held >= 0.0 else nan
