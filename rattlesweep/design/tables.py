@@ -29,8 +29,7 @@ COMMENT = "#"  # begins lines before the header that are no part of the table
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 COMMA_DECIMAL = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 POINT_DECIMAL = re.compile(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?")
-
-
+NUMBER = re.compile(r"[-+]?[.,]?\d")
 _WHOLE = re.compile(r"0|-?[1-9]\d*", re.ASCII)
 
 
@@ -44,6 +43,7 @@ def read_table(
     where: str,
     by_looks: Callable[[str], bool] = of_all,
     needed: Callable[[str], bool] = of_all,
+    may_have_title: bool = False,
 ) -> pa.Table:
     """Read a CSV file, a Parquet file or a folder of Parquet files.
 
@@ -55,7 +55,9 @@ def read_table(
     A cell of a CSV column may look like a number, or like none (``NA``).  Columns of
     names for which `by_looks` is false keep what is written: they are numbers only if
     each cell is written as a number is printed.  A folder has the columns of all its
-    files; one that is `needed` must be in all files or in none.
+    files; one that is `needed` must be in all files or in none.  If a CSV table
+    `may_have_title`, a line above its header that names no columns is left out, and so
+    are columns without a name and a value.
     """
     file = as_path(path, where)
     # Unlike methods of a path, these take names that no system allows.
@@ -72,7 +74,7 @@ def read_table(
             return _read_folder(file, where, needed)
         if file.suffix.lower() in (".parquet", ".pq"):
             return pq.read_table(file, page_checksum_verification=True)
-        return _read_csv(file, where, by_looks)
+        return _read_csv(file, where, by_looks, may_have_title)
     except ConfigError:
         raise
     except Exception as error:  # pyarrow raises many kinds
@@ -174,7 +176,9 @@ def _joined(name: str, tables: dict[str, pa.Table], where: str) -> pa.ChunkedArr
         ) from None
 
 
-def _read_csv(file: Path, where: str, by_looks: Callable[[str], bool]) -> pa.Table:
+def _read_csv(
+    file: Path, where: str, by_looks: Callable[[str], bool], may_have_title: bool
+) -> pa.Table:
     encoding = _encoding(file)
     with open(file, encoding=encoding, errors="replace", newline="") as stream:
         head = stream.read(SAMPLED)
@@ -185,8 +189,11 @@ def _read_csv(file: Path, where: str, by_looks: Callable[[str], bool]) -> pa.Tab
         )
     source: Path | pa.BufferReader = file
     size = file.stat().st_size
-    if head.startswith(COMMENT):
+    is_titled = may_have_title and _begins_with_title(head)
+    if head.startswith(COMMENT) or is_titled:
         text = _without_comments(file.read_text(encoding=encoding))
+        if is_titled:
+            text = _without_title(text)
         head = text[:SAMPLED]
         content = text.encode()
         source = pa.BufferReader(content)
@@ -219,13 +226,17 @@ def _read_csv(file: Path, where: str, by_looks: Callable[[str], bool]) -> pa.Tab
             "are decimal signs, separate the columns by semicolons"
         ) from None
     columns = []
+    names = []
     for name, column in zip(table.column_names, table.columns, strict=True):
+        if is_titled and not name.strip() and column.null_count == len(column):
+            continue
+        names.append(name.strip())
         if name in copied:
             column = _as_written(_null_where(column, [""]), decimal)
         elif pa.types.is_string(column.type):
             column = _null_where(column, converting.null_values)
         columns.append(column)
-    return pa.table(columns, [name.strip() for name in table.column_names])
+    return pa.table(columns, names)
 
 
 def _encoding(file: Path) -> str:
@@ -297,6 +308,29 @@ def _without_comments(text: str) -> str:
         if has_numbers and shapes[0] == shapes[1]:
             rest.insert(0, last)
     return "".join(rest)
+
+
+def _begins_with_title(head: str) -> bool:
+    """Return whether two lines of words come before the first line of a number.
+
+    The first of them is the title.  Each word of the header has its own column.
+    """
+    lines = _without_comments(head).splitlines()[:3]
+    if len(lines) < 3:
+        return False
+    separator = max(SEPARATORS, key=lines[1].count)
+    title, header, row = (
+        [cell.strip().strip('"') for cell in line.split(separator)] for line in lines
+    )
+    is_number = [NUMBER.match(cells[0]) is not None for cells in (title, header, row)]
+    is_named = header[0] != "" and len(list(filter(None, header))) > 1
+    fewer = len(list(filter(None, title))) < len(list(filter(None, header)))
+    return is_number == [False, False, True] and is_named and fewer
+
+
+def _without_title(text: str) -> str:
+    """Return a table without its first line."""
+    return text.partition("\n")[2]
 
 
 def _separator(head: str, where: str) -> str:

@@ -25,6 +25,8 @@ from rattlesweep.analysis.fit.doubts import (
 from rattlesweep.analysis.fit.film import read_film, unwrapped
 from rattlesweep.analysis.fit.scan import searches_of_times
 from rattlesweep.analysis.fit.search import fit_run
+from rattlesweep.analysis.fit.synthetic import synthetic_film
+from rattlesweep.api.single import launch_of
 from rattlesweep.design.single import Launch
 
 STONE = ROOT / "configs/fit/stone.yaml"
@@ -333,8 +335,7 @@ def test_an_axis_is_followed_through_half_turns_and_gaps():
         (
             "body: {preset: KL}\nfree: [n_i, omega_xy0]",
             "mass A,,,\nt,x,y,angle\n0,1,1,2\n1,2,1,3\n",
-            "its first line, mass A, names no columns; delete it, and name those of "
-            "the next line (t, x, y, angle)",
+            "reversal_s alone are needed, and the columns are t, x, y, angle",
         ),
         (
             "body: {preset: KL}\nfree: []",
@@ -489,3 +490,130 @@ def test_a_table_in_utf_16_without_its_mark_is_refused(tmp_path):
     path.write_text("t_s,angle_deg\n0,10\n", encoding="utf-16-le")
     with pytest.raises(rs.ConfigError, match="save it as UTF-8"):
         read_film(path, BODY.units)
+
+
+@pytest.mark.slow
+def test_a_row_that_is_far_off_is_named_and_can_be_left_out():
+    first = film().iloc[:150]
+    wrong = first.copy()
+    wrong.loc[59, "angle_deg"] += 500
+    plain = rs.fit(BODY, wrong, free=FREE, launch=LAUNCH)
+    assert plain.noise > 3 * 0.51
+    assert plain.remarks[0].startswith("row 60 is off by up to 4")
+    assert "--robust" in plain.remarks[0]
+    assert not any("worse valley" in remark for remark in plain.remarks)
+    empty = first.copy()
+    empty.loc[59, "angle_deg"] = np.nan
+    expected = rs.fit(BODY, empty, free=FREE, launch=LAUNCH)
+    robust = rs.fit(BODY, wrong, free=FREE, launch=LAUNCH, robust=True)
+    assert robust.rows == expected.rows
+    assert robust.remarks[0].endswith("and left out")
+    for name in FREE:
+        assert robust.values[name] == pytest.approx(expected.values[name], rel=1e-6)
+        assert robust.intervals[name] == pytest.approx(
+            expected.intervals[name], rel=1e-4
+        )
+    # Clean data are fitted as without it.
+    clean = rs.fit(BODY, empty, free=FREE, launch=LAUNCH, robust=True)
+    assert clean.remarks == expected.remarks
+
+
+def test_a_fit_prints_its_table(tmp_path):
+    few = film().iloc[:80]
+    fit = rs.fit(BODY, few, free=FREE, launch=LAUNCH)
+    few.to_csv(tmp_path / "few.csv", index=False)
+    result = invoke("fit", STONE, tmp_path / "few.csv")
+    printed = repr(fit)
+    assert printed.startswith(result.stdout.rstrip())
+    assert result.stderr.rstrip().endswith(printed.splitlines()[-1])
+    assert fit.table.loc["n_i", "unit"] == "rpm"
+    html = fit._repr_html_()
+    assert html.startswith("<table")
+    assert "torque -sigma omega" in html
+    assert "noise" in html
+
+
+def test_values_that_mean_nothing_exit_with_3(tmp_path):
+    noise = np.random.default_rng(1).uniform(0, 180, 40)
+    data = pd.DataFrame({"t_s": np.arange(40) / 60, "angle_deg": noise})
+    data.to_csv(tmp_path / "noise.csv", index=False)
+    stone = STONE.read_text().replace("n_i, omega_xy0, sigma]", "sigma]")
+    stone = stone.replace("{n_i: 100 rpm,", "{n_i: 10 rpm, omega_xy0: 1 rpm,")
+    (tmp_path / "stone.yaml").write_text(stone)
+    result = invoke("fit", tmp_path / "stone.yaml", tmp_path / "noise.csv")
+    assert "the values mean nothing" in result.stderr
+    assert result.exit_code == 3
+
+
+@pytest.mark.parametrize(
+    ("loss", "truth", "push"),
+    [
+        ("pivot", "50 um", "1 rpm"),
+        # The stone slides.
+        pytest.param("mu", 0.05, "20 rpm", marks=pytest.mark.slow),
+    ],
+)
+def test_a_film_tells_pivoting_and_sliding_friction(loss, truth, push):
+    launch = {"n_i": "60 rpm", "omega_xy0": push}
+    run = launch_of(BODY, **launch, **{loss: truth})
+    film = synthetic_film(run, "2 s", 60)
+    fit = rs.fit(BODY, film, free=["n_i", loss], launch={**launch, "n_i": "62 rpm"})
+    assert fit.values["n_i"] == pytest.approx(run.n_i, rel=1e-5)
+    assert fit.values[loss] == pytest.approx(run.losses[loss], rel=1e-5)
+
+
+@pytest.mark.slow
+def test_films_are_fitted_together_with_a_launch_each(tmp_path):
+    stone = tmp_path / "stone.yaml"
+    films = []
+    for number, (n_i, push) in enumerate([("90 rpm", "9 rpm"), ("-70 rpm", "8 rpm")]):
+        text = STONE.read_text().replace(
+            "n_i: 100 rpm", f"n_i: {n_i}, omega_xy0: {push}"
+        )
+        stone.write_text(text.replace("{rolling: 0 um}", "{sigma: 5e-7 N m s}"))
+        seed = ("--seed", number, "--time", "1.5 s")
+        films.append(tmp_path / f"{number}.csv")
+        result = invoke("film", stone, *seed)
+        assert result.exit_code == 0, result.stderr
+        films[-1].write_text(result.stdout)
+    joint = rs.fit(BODY, films, free=FREE)
+    names = ["n_i_1", "omega_xy0_1", "n_i_2", "omega_xy0_2", "sigma"]
+    assert list(joint.values) == names == list(joint.table.index)
+    truth = dict(zip(names, (90, 9, -70, 8, 5e-7), strict=True))
+    for name, value in truth.items():
+        row = joint.table.loc[name]
+        width = row.high - row.low
+        assert row.low - width < value < row.high + width
+    # Two films tell the friction better than each alone, by the sum of their weights.
+    weights = sum(1 / fit.covariance.loc["sigma", "sigma"] for fit in joint.alone)
+    error = math.sqrt(joint.covariance.loc["sigma", "sigma"])
+    assert error == pytest.approx(weights**-0.5, rel=0.1)
+    plain = tmp_path / "plain.yaml"
+    plain.write_text(STONE.read_text().replace("n_i: 100 rpm, ", ""))
+    result = invoke("fit", plain, *films)
+    assert result.exit_code == 0, result.stderr
+    assert "n_i_2" in result.stdout
+    assert "2 films, 360 rows" in result.stderr
+    with pytest.raises(rs.ConfigError, match="several films share nothing"):
+        rs.fit(BODY, films, free="n_i", launch={"omega_xy0": "9 rpm"})
+
+
+def test_a_plan_tells_the_intervals_of_a_film(tmp_path):
+    stone = tmp_path / "stone.yaml"
+    text = STONE.read_text().replace("100 rpm", "98 rpm, omega_xy0: 10 rpm")
+    stone.write_text(text.replace("rolling: 0 um", "sigma: 5e-7 N m s"))
+    planned = invoke("fit", stone, "--plan", "2 s")
+    assert planned.exit_code == 0, planned.stderr
+    (tmp_path / "film.csv").write_text(invoke("film", stone, "--time", "2 s").stdout)
+    fitted = invoke("fit", stone, tmp_path / "film.csv", "--error", "0.5 deg")
+    for plan, fit in zip(
+        planned.stdout.splitlines()[1:4], fitted.stdout.splitlines()[1:4], strict=True
+    ):
+        name, _, low, high = plan.split()[:4]
+        assert fit.split()[0] == name
+        _, fit_low, fit_high = map(float, fit.split()[1:4])
+        assert float(high) - float(low) == pytest.approx(fit_high - fit_low, rel=0.1)
+    assert_refused(invoke("fit", stone), 2, "DATA is missing")
+    assert_refused(invoke("fit", STONE, "--plan", "2 s"), 2, "launch: omega_xy0")
+    assert_refused(invoke("film", stone, "--time", "2 rpm"), 2, "time: '2 rpm'")
+    assert_refused(invoke("film", stone, "--fps", 0), 2, "from 3 to 1,000,000")

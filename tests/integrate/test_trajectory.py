@@ -298,3 +298,22 @@ def test_a_body_that_rolls_onto_its_side_goes_on_as_in_a_sweep():
     r = table[["contact_x", "contact_y", "contact_z"]].to_numpy()
     centre = np.array([0, 0, 1 - LOW["c"]])
     assert (np.sum((r - centre) * u, axis=1) < 0).all()
+
+
+def test_the_angle_of_the_long_axis_is_that_of_the_attitude_with_its_turns():
+    stone = rs.Rattleback.half_ellipsoid(
+        length="12 cm", width="3 cm", height="12 mm", mass="60 g", skew="20 deg"
+    )
+    names = ["q0", "q1", "q2", "q3", "yaw", "angle_deg"]
+    launch = {"n_i": 0.3, "omega_xy0": 0.1}
+    run = rs.trajectory(stone, **launch, t_end=60, points=601, channels=names)
+    turn = Rotation.from_quat(run.table[names[:4]].to_numpy(), scalar_first=True)
+    along = turn.apply([-np.sin(stone.xi), np.cos(stone.xi), 0])
+    expected = np.degrees(np.unwrap(np.arctan2(along[:, 1], along[:, 0])))
+    angle = run.table["angle_deg"].to_numpy()
+    assert np.ptp(angle) > 360
+    assert angle - angle[0] == pytest.approx(expected - expected[0], abs=1e-9)
+    behind = np.degrees(run.table["yaw"].to_numpy()) - angle
+    # A tilt lets the axis deviate from the heading of the x axis.
+    assert behind == pytest.approx(90 + np.degrees(stone.xi), abs=40)
+    assert np.ptp(behind) > 1

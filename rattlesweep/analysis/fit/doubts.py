@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rattlesweep.analysis.fit.film import BARE, FAST, Film
-from rattlesweep.arrays import Floats
+from rattlesweep.arrays import Floats, Places
 from rattlesweep.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -45,6 +45,14 @@ VAGUE = 0.5
 # A measured value that the data move by more than so many standard errors is doubtful.
 _FAR = 3.0
 UNLIKELY = 1e-3  # probability of chi squared below which the errors are doubtful
+MEANINGLESS = "the values mean nothing"
+# A row is far off if its residual is so many times that of most rows.  Rows that are
+# more than a share of all are no outliers.
+OUTLYING = 6.0
+MOST_PULLED = 3.0  # residuals of the others over the noise from row to row
+FEW = 0.05
+FEWEST_ROWS = 20  # in which a row can be far off
+MOST_NAMED = 10
 # Singular values of a Jacobian below this are errors of its finite differences.
 SINGULAR = 1e-6
 
@@ -241,7 +249,7 @@ def doubts_of_residuals(film: Film, residuals: Floats, noise: float) -> list[str
         return [
             f"the residuals are {noise / unit.size:.3g} {unit.name}: the model does "
             "not follow the data, or the search has ended in a worse valley of chi "
-            "squared, and the values mean nothing; look at the figure, and "
+            f"squared, and {MEANINGLESS}; look at the figure, and "
             "try the other sign of the angles or of the skew, a launch nearer to the "
             "data, and the data up to the first reversal"
         ]
@@ -258,6 +266,50 @@ def doubts_of_residuals(film: Film, residuals: Floats, noise: float) -> list[str
     return [
         "neighbouring residuals are correlated: the model does not describe the data "
         "within their noise, or they were smoothed, and the intervals are too narrow"
+    ]
+
+
+def outliers_of(film: Film, residuals: Floats) -> Places:
+    """Return the places of residuals that are far off all others.
+
+    There are none where most residuals are larger than the noise from row to row, as
+    those of a worse valley are.  Residuals are in units of the film.
+    """
+    none = np.zeros(0, int)
+    if film.kind == "reversal" or len(residuals) < FEWEST_ROWS:
+        return none
+    # The median of |x| of a normal variable.
+    usual = float(np.median(np.abs(residuals))) / 0.6745
+    if usual > MOST_PULLED * film.rough_noise:
+        return none
+    least = OUTLYING * max(usual, film.rough_noise)
+    places = np.flatnonzero(np.abs(residuals) > least)
+    if len(places) > max(1.0, FEW * len(residuals)):
+        return none
+    return places
+
+
+def doubts_of_outliers(
+    film: Film, residuals: Floats, places: Places, are_left_out: bool
+) -> list[str]:
+    """Return the remark on rows that are far off; residuals are those of `places`."""
+    if not len(places):
+        return []
+    size = film.value_column.unit.size
+    numbers = (np.flatnonzero(film.known)[places] + 1).tolist()
+    worst = int(np.argmax(np.abs(residuals)))
+    off = f"{abs(residuals[worst]) / size:.3g} {film.value_column.unit.name}"
+    listed = ", ".join(map(str, numbers[:MOST_NAMED]))
+    if len(numbers) > MOST_NAMED:
+        listed += ", ..."
+    rows = f"row {listed} is"
+    if len(numbers) > 1:
+        rows = f"rows {listed} are"
+    if are_left_out:
+        return [f"{rows} off by up to {off} and left out"]
+    return [
+        f"{rows} off by up to {off}, far more than all others, and the noise is too "
+        "large: correct the cells or empty them, or leave the rows out (--robust)"
     ]
 
 

@@ -50,10 +50,13 @@ def minimise(
     accuracy: float,
     steps: int,
     free: Sequence[int] | None = None,
+    softened: float | None = None,
 ) -> Searched:
     """Minimise the sum of squares from ``x`` on, by all parameters or the `free` ones.
 
-    The Jacobian of the search has columns for the free parameters alone.
+    The Jacobian of the search has columns for the free parameters alone.  Residuals
+    that are larger than `softened` count by their size and not by its square (SciPy's
+    loss "soft_l1").
     """
     from scipy.optimize import least_squares
 
@@ -84,6 +87,8 @@ def minimise(
         x_scale="jac",
         ftol=accuracy,
         max_nfev=steps,
+        loss="linear" if softened is None else "soft_l1",
+        f_scale=softened or 1.0,
     )
     # SciPy's Jacobian is of the type of `slopes`.
     jacobian = np.asarray(result.jac)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rattlesweep.analysis.fit.exports import from_export
 from rattlesweep.arrays import Flags, Floats, Places
 from rattlesweep.design.tables import read_table
 from rattlesweep.errors import ConfigError, one_line
@@ -23,13 +24,20 @@ if TYPE_CHECKING:
     from rattlesweep.physics.si import Units
 
 # Measured quantities by the beginning of their columns' names; "spin" is the rate of
-# the angle, "n" the spin u . omega.
-_KINDS = {"angle": "angle", "spin": "spin", "n": "spin", "reversal": "time"}
+# the angle, "n" the spin u . omega, "gyro" the rate about the body's own upward axis.
+_KINDS = {
+    "angle": "angle",
+    "spin": "spin",
+    "n": "spin",
+    "gyro": "spin",
+    "reversal": "time",
+}
 # Columns without a unit in their names, as `rattlesweep trajectory` writes them.
 BARE = {"t": "sqrt(a/g)", "n": "sqrt(g/a)"}
 _NEEDED = "t_s and one of angle_deg, spin_rpm, n_rpm, or reversal_s alone"
 # Rows from which the next angle is extrapolated, so that half turns can be removed.
 MEMORY = 20
+NEAR = 3
 # The launch is judged by the first 2 % of the rows, and by at least 10 of them.
 FIRST_SHARE = 50
 FEWEST_FIRST = 10
@@ -150,8 +158,11 @@ def read_film(
     ``angle_error_deg``.  A spin `n_i` of the launch that turns the axis by more than a
     quarter turn from row to row tells which half turns were lost.  Raises a ConfigError
     if columns are missing, or if a row is no number or out of order.
+
+    Exports of Tracker and of phones are read as they are.
     """
     place, frame = _read_table(source)
+    frame = from_export(place, frame, n_i)
     columns = _measured_columns(place, frame, units)
     values = {
         column.kind: _numbers(place, frame, column) for column in columns.values()
@@ -194,7 +205,7 @@ def _read_table(source: Any) -> tuple[str, pd.DataFrame]:
         if not isinstance(source, str | os.PathLike):
             return place, pd.DataFrame(source)
         place = one_line(os.fspath(source), 200)
-        return place, read_table(source, place).to_pandas()
+        return place, read_table(source, place, may_have_title=True).to_pandas()
     except ConfigError:
         raise
     except Exception as error:  # pandas raises many kinds
@@ -215,17 +226,6 @@ def _measured_columns(
     if kind is None or (kind != "reversal" and "t" not in columns):
         names = one_line(", ".join(map(str, frame)), 100)
         advice = ""
-        cells = [str(name).strip() for name in frame]
-        if len(cells) > 1 and cells[0] and not any(cells[1:]):
-            # Tracker begins with the name of the point, above the header.
-            header = ", ".join(
-                str(cell).strip() for cell in frame.iloc[:1].to_numpy().flat
-            )
-            raise ConfigError(
-                f"{place}: its first line, {one_line(cells[0], 40)}, names no columns; "
-                f"delete it, and name those of the next line ({one_line(header, 80)}) "
-                "with their units, such as t_s and angle_deg"
-            )
         if units is None:
             advice = "; the body has no size, so only t and n, or give it in SI units"
         raise ConfigError(
@@ -357,7 +357,9 @@ def unwrapped(t: Floats, angle: Floats, spin: float = 0.0) -> Floats:
         first = rows[max(0, i - 1 - MEMORY)]
         if last > first:
             spin = (continuous[last] - continuous[first]) / (t[last] - t[first])
-        expected = continuous[last] + spin * (t[row] - t[last])
+        # The median of the last rows, of which one may be far off.
+        near = rows[max(0, i - NEAR) : i]
+        expected = float(np.median(continuous[near] + spin * (t[row] - t[near])))
         half_turns = round((expected - continuous[row]) / math.pi)
         continuous[row] += math.pi * half_turns
     return continuous

@@ -21,6 +21,13 @@ from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
 from rattlesweep.quantities import LOSSES, RATE, TIME
 
+# The channels that measured quantities are compared with.
+CHANNELS_OF = {
+    "angle": "angle_deg",
+    "spin": "angle_deg",
+    "n": "n",
+    "gyro": "omega_z",
+}
 _LEAST = 1e-3  # of parameters that must be above zero
 _STEP = 3e-6  # of the central differences, relative to the scale of a parameter
 
@@ -78,24 +85,17 @@ def follow_quantity(launch: Launch, kind: str, times: Floats) -> Floats:
 
     Raises a ConfigError if the integration fails.
     """
-    names = ["n"]
-    if kind in ("angle", "spin"):
-        names = ["yaw", "u_x", "u_y", "u_z"]
-    course = Course(PreparedRun.of(launch), names, times=times)
-    columns = course.columns()
+    name = CHANNELS_OF[kind]
+    course = Course(PreparedRun.of(launch), [name], times=times)
+    values = course.columns()[name]
     status = course.follower.status
-    values = columns[names[0]]
     if status != Status.OK or not len(values):
         raise failure(status)
-    if names[0] == "yaw":
-        # Add the angle from the x axis, whose direction is "yaw", to the long axis.
-        x = -math.sin(launch.body.xi)
-        y = math.cos(launch.body.xi)
-        u_x = columns["u_x"]
-        tilted = y * columns["u_z"]
-        values = values + np.unwrap(
-            np.arctan2(tilted, x - (x * u_x + y * columns["u_y"]) * u_x)
-        )
+    if name == "angle_deg":
+        values = np.radians(values)
+    elif name == "omega_z":
+        # The body's z axis points downward.
+        values = -values
     # A body that has come to rest keeps its last value.
     values = np.pad(values, (0, len(times) - len(values)), mode="edge")
     if kind == "spin":

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from html import escape
+from itertools import combinations
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rattlesweep.analysis.fit.doubts import MEANINGLESS
 from rattlesweep.analysis.fit.estimate import Estimate
 from rattlesweep.analysis.fit.problem import FITTABLE
 from rattlesweep.arrays import Floats
 from rattlesweep.design.config import not_one_of
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import Rattleback
+from rattlesweep.text import align
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,6 +29,7 @@ if TYPE_CHECKING:
 
 # Units for people, beside those of bodies.
 SI_SIZES = {"rad": (180 / math.pi, "deg"), "m": (1e3, "mm"), "kg": (1e3, "g")}
+LEAST_CORRELATION = 0.1  # that is printed
 MANY_ROWS = 30  # more are drawn as points, fewer as circles
 
 
@@ -44,7 +50,7 @@ def in_words(name: str, value: float, units: Units | None) -> str:
     return text if unit == "1" else f"{text} {unit}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fit:
     """The result of a fit: best parameters in the units of the fitted body.
 
@@ -54,6 +60,8 @@ class Fit:
     `launch` holds launch and dissipation as arguments of ``rs.trajectory``; `noise` is
     the standard deviation of a residual, in `noise_unit`; `remarks` name what the data
     cannot determine or the model not describe.
+
+    A fit prints as the table of the command, and is a table in a notebook.
     """
 
     values: dict[str, float]
@@ -66,6 +74,22 @@ class Fit:
     remarks: list[str]
     _estimate: Estimate = field(repr=False)
     _expected: Floats = field(repr=False)
+
+    def __repr__(self) -> str:
+        return "\n".join([report_of(self), *lines_below(self)])
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """Value, 95 % interval, unit for people and meaning of each parameter."""
+        return table_of(self)
+
+    @property
+    def means_something(self) -> bool:
+        """Whether the run follows the data; if not, the values mean nothing."""
+        return not any(MEANINGLESS in remark for remark in self.remarks)
 
     @property
     def covariance(self) -> pd.DataFrame:
@@ -216,3 +240,71 @@ class Fit:
                 style.light_grid(axes)
             figure.align_ylabels([top, bottom])
             return shown(figure, path)
+
+
+def report_of(fit: Fit) -> str:
+    """Return parameters with their intervals, and correlations, as text."""
+    lines = [["", "value", "low", "high", "unit", "", "low", "high", "unit", ""]]
+    for name, value in fit.values.items():
+        parameter = FITTABLE[name]
+        line = [name]
+        line += [f"{number:.6g}" for number in (value, *fit.intervals[name])]
+        line.append(parameter.unit)
+        if name in fit.in_si:
+            *numbers, unit = fit.in_si[name]
+            line += [f"{number:.5g}" for number in numbers]
+            line.append(unit)
+        else:
+            line += [""] * 4
+        lines.append([*line, parameter.description])
+    report = align(lines, "<>>><>>><<")
+    correlations = fit.correlations.to_numpy()
+    pairs = []
+    for (i, first), (j, second) in combinations(enumerate(fit.values), 2):
+        size = float(correlations[i, j])
+        if abs(size) > LEAST_CORRELATION:
+            # A line is not broken within a pair.
+            pairs.append((abs(size), f"{first}\xa0{second}\xa0{size:.2f}"))
+    pairs.sort(reverse=True)
+    if pairs:
+        listed = "; ".join(text for _, text in pairs)
+        lines_of_pairs = fill(f"correlations: {listed}", 100, subsequent_indent="  ")
+        report += "\n" + lines_of_pairs.replace("\xa0", " ")
+    return report
+
+
+def summary_of(fit: Fit) -> str:
+    """Return how many rows there are, and how well they are met."""
+    summary = f"{fit.rows} rows, noise {fit.noise:.3g} {fit.noise_unit}"
+    if fit.reduced_chi_squared is not None:
+        summary += (
+            f", chi squared {fit.chi_squared:.4g}, "
+            f"{fit.reduced_chi_squared:.3g} per degree of freedom"
+        )
+    return summary
+
+
+def table_of(fit: Fit) -> pd.DataFrame:
+    """Return parameters and intervals as a table, in units for people if there are."""
+    import pandas as pd
+
+    rows = {}
+    for name, value in fit.values.items():
+        low, high = fit.intervals[name]
+        row = value, low, high, FITTABLE[name].unit
+        row = fit.in_si.get(name, row)
+        rows[name] = *row, FITTABLE[name].description
+    columns = ["value", "low", "high", "unit", "meaning"]
+    return pd.DataFrame.from_dict(rows, orient="index", columns=columns)
+
+
+def html_of(fit: Fit) -> str:
+    """Return a fit as a table of a notebook, with its warnings."""
+    parts = [table_of(fit).to_html(float_format="{:.5g}".format)]
+    parts += [f"<p>{escape(line)}</p>" for line in lines_below(fit)]
+    return "\n".join(parts)
+
+
+def lines_below(fit: Fit) -> list[str]:
+    """Return the lines below the table: noise and warnings."""
+    return [summary_of(fit), *(f"warning: {remark}" for remark in fit.remarks)]

@@ -27,7 +27,7 @@ from rattlesweep.analysis.fit.problem import FITTABLE, SIZES, FitProblem
 from rattlesweep.analysis.fit.result import Fit, in_words
 from rattlesweep.analysis.fit.scan import searches_of_times
 from rattlesweep.analysis.fit.series import FILM_STEPS, searches_of_series
-from rattlesweep.analysis.fit.starts import first_values, scales_of, spans
+from rattlesweep.analysis.fit.starts import first_values, given, scales_of, spans
 from rattlesweep.arrays import Floats
 from rattlesweep.design.config import not_one_of
 from rattlesweep.design.single import Launch
@@ -81,12 +81,14 @@ def fit_run(
     report: Callable[[float], None] = lambda fraction: None,
     stone: MeasuredBody | None = None,
     priors: Mapping[str, Prior] = MappingProxyType({}),
+    robust: bool = False,
 ) -> Fit:
     """Fit parameters to the beginning of the data first, and then to all of them.
 
     `report` is called with the fraction of the work that is done, at most.  `stone` is
     the body of the launch if it can be remade, and `priors` are those of all parameters
-    that have one, in the units of this body.
+    that have one, in the units of this body.  A `robust` fit leaves out rows that are
+    far off all others.
     """
     units = launch.body.units
     t_end = float(film.t[-1])
@@ -115,6 +117,13 @@ def fit_run(
     firsts = first_values(problem)
     problem = replace(problem, scales=scales_of(problem, firsts))
     best, searches = _best_search(problem, firsts)
+    left_out: list[str] = []
+    if robust:
+        kept, left_out = _without_outliers(problem, best)
+        if left_out:
+            problem = kept
+            film = problem.film
+            best, searches = _best_search(problem, firsts)
     estimate = settle_noise(problem, best, FILM_STEPS)
     rises, ends = rises_of(estimate)
     for _ in range(MOST_DESCENTS):
@@ -129,15 +138,69 @@ def fit_run(
         estimate = settle_noise(problem, best, FILM_STEPS)
         rises, ends = rises_of(estimate)
     residuals = estimate.search.residuals[: problem.rows]
+    off = residuals * estimate.problem.errors
+    places = doubts.outliers_of(film, off)
     remarks = [
         *doubts.doubts_of_data(film, units, launch.n_i),
-        *(
-            # Where no valley has been found, none is compared with others.
-            doubts.doubts_of_residuals(film, residuals, estimate.noise)
-            or _doubts_of_valley(estimate, searches, rises)
-        ),
+        *left_out,
+        *doubts.doubts_of_outliers(film, off[places], places, are_left_out=False),
     ]
+    # A fit that is pulled by single rows says nothing more of the others.
+    if not len(places):
+        # Where no valley has been found, none is compared with others.
+        remarks += doubts.doubts_of_residuals(
+            film, residuals, estimate.noise
+        ) or _doubts_of_valley(estimate, searches, rises)
     return _result(estimate, remarks)
+
+
+def planned_fit(
+    launch: Launch,
+    film: Film,
+    free: list[str],
+    stone: MeasuredBody | None,
+    priors: Mapping[str, Prior],
+) -> Fit:
+    """Return the fit of a film that the given values have made, without a search.
+
+    Its intervals are those to expect of films with such errors.
+    """
+    launch = replace(launch, t_end=float(film.t[-1]))
+    problem = FitProblem(
+        launch, film, dict.fromkeys(free, 1.0), stone=stone, priors=priors
+    )
+    values: dict[str, float] = {}
+    for name in free:
+        value = given(problem, name)
+        if value is None:
+            raise ConfigError(f"free: a plan needs a value of {name} other than zero")
+        values[name] = value
+    problem = replace(problem, scales={name: abs(values[name]) for name in free})
+    x = problem.scaled(values)
+    search = Searched(x, problem.residuals(x), problem.slopes(x), settled=True)
+    estimate = Estimate.of(problem, search)
+    return _result(estimate, [], is_planned=True)
+
+
+def _without_outliers(
+    problem: FitProblem, best: Searched
+) -> tuple[FitProblem, list[str]]:
+    """Return the problem without rows that are far off, and the remark on them.
+
+    They are far off the run that most rows are near, since it is found by a loss that
+    grows with the size of large residuals only.
+    """
+    film = problem.film
+    softened = 1.0
+    if film.error is None:
+        softened = film.rough_noise / problem.noise
+    search = minimise(problem, best.x, 1e-8, FILM_STEPS, softened=softened)
+    off = search.residuals[: problem.rows] * problem.errors
+    places = doubts.outliers_of(film, off)
+    remarks = doubts.doubts_of_outliers(film, off[places], places, are_left_out=True)
+    value = film.value.copy()
+    value[np.flatnonzero(film.known)[places]] = np.nan
+    return replace(problem, film=replace(film, value=value)), remarks
 
 
 def _doubts_of_valley(
@@ -205,7 +268,7 @@ def _best_search(
     return polish(problem, best), searches
 
 
-def _result(estimate: Estimate, remarks: list[str]) -> Fit:
+def _result(estimate: Estimate, remarks: list[str], is_planned: bool = False) -> Fit:
     """Return the fit of an estimate, with intervals and remarks."""
     problem = estimate.problem
     best = estimate.search
@@ -220,7 +283,8 @@ def _result(estimate: Estimate, remarks: list[str]) -> Fit:
         *doubts.doubts_of_parameters(problem, best.x, half_width, estimate.jacobian),
         *doubts.doubts_of_priors(problem, best.residuals[problem.rows :]),
     ]
-    if film.error is not None:
+    # The residuals of a plan are zero.
+    if film.error is not None and not is_planned:
         remarks += doubts.doubts_of_errors(best.squares, problem.freedom)
     if not best.settled:
         remarks.append(

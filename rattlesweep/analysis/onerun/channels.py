@@ -124,6 +124,26 @@ class View:
         return np.where(self.y[2] < 0, point, 2 * centre - point)
 
     @property
+    def axis_angle(self) -> Floats:
+        """The angle of the long axis from above, turns counted, shape (times,).
+
+        The axis of curvature phi lies at the angle xi from the y axis of inertia.
+        """
+        xi = self.launches.bodies.xi
+        x = -np.sin(xi)
+        y = np.cos(xi)
+        q0, q1, q2, q3 = self.attitude
+        east = (1 - 2 * (q2 * q2 + q3 * q3)) * x + 2 * (q1 * q2 - q0 * q3) * y
+        north = 2 * (q1 * q2 + q0 * q3) * x + (1 - 2 * (q1 * q1 + q3 * q3)) * y
+        folded = np.arctan2(north, east)
+        # From above, the axis is behind the x axis by this, whose turns are counted.
+        behind = math.pi / 2 + xi
+        heading = self.samples.extra[:, HEADING]
+        turns = np.round((heading - behind - folded) / math.tau)
+        angle: Floats = folded + math.tau * turns
+        return angle
+
+    @property
     def attitude(self) -> Floats:
         """The unit quaternions from body to plane, shape (4, times)."""
         extra = self.samples.extra.T
@@ -313,6 +333,14 @@ def _channels() -> Iterator[Channel]:
         "heading of the body's x axis from the start, turns counted",
         _FULL,
         lambda view: view.samples.extra[:, HEADING],
+        "attitude",
+    )
+    yield Channel(
+        "angle_deg",
+        "deg",
+        "angle of the long axis seen from above, counterclockwise, turns counted",
+        _FULL,
+        lambda view: np.degrees(view.axis_angle),
         "attitude",
     )
     yield from _components(
