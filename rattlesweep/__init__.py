@@ -29,6 +29,7 @@ __all__ = [
     "__version__",
     "bondi_threshold",
     "contact_patch",
+    "export",
     "fit",
     "growth_rates",
     "load",

@@ -19,6 +19,7 @@ PlotName = Literal[
     "distribution",
     "scatter",
 ]
+ExportFormat = Literal["mjcf", "json"]
 RegimeName = Literal[
     "steady", "periodic", "quasi-periodic", "attractor", "conservative", "undecided"
 ]
@@ -27,4 +28,5 @@ MODEL_NAMES: tuple[ModelName, ...] = get_args(ModelName)
 PRESET_NAMES: tuple[PresetName, ...] = get_args(PresetName)
 ACCURACY_NAMES: tuple[AccuracyName, ...] = get_args(AccuracyName)
 PLOT_NAMES: tuple[PlotName, ...] = get_args(PlotName)
+EXPORT_FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 REGIMES: tuple[RegimeName, ...] = get_args(RegimeName)

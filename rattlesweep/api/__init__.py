@@ -21,6 +21,7 @@ from rattlesweep.api.arrays import (
     numbers,
 )
 from rattlesweep.api.contact import contact_patch
+from rattlesweep.api.exports import export
 from rattlesweep.api.single import Page, Run, fit, replay, show, simulate, trajectory
 from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.arrays import Floats
@@ -44,6 +45,7 @@ __all__ = [
     "Sweep",
     "bondi_threshold",
     "contact_patch",
+    "export",
     "fit",
     "growth_rates",
     "load",

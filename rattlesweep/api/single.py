@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from rattlesweep.design.single import Launch
     from rattlesweep.physics.si import Units
 
-    # A number, or text with an SI unit such as "60 rpm".
-    _Number = float | str
 
+# A number, or text with an SI unit such as "60 rpm".
+Number: TypeAlias = "float | str"
 _STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
 INTEGRATOR = ("method", "tol", "dt_step", "accuracy")
 ROWS = ("points", "dt", "steps", "times", "from_time")
@@ -365,10 +365,10 @@ def trajectory(
     channels: Sequence[str] | None = None,
     section: str | None = None,
     points: int | None = None,
-    dt: _Number | None = None,
+    dt: Number | None = None,
     steps: bool = False,
     times: ArrayLike | None = None,
-    from_time: _Number | None = None,
+    from_time: Number | None = None,
     **launch: Any,
 ) -> Trajectory:
     """Integrate one launch to ``t_end``, past its reversals, as a time series.
@@ -431,7 +431,7 @@ def trajectory(
 def show(
     body: Rattleback | str,
     *,
-    from_time: _Number | None = None,
+    from_time: Number | None = None,
     points: int | None = None,
     title: str | None = None,
     path: str | Path | None = None,
@@ -453,7 +453,7 @@ def replay(
     case: int,
     sample: int,
     *,
-    t_end: _Number | None = None,
+    t_end: Number | None = None,
     channels: Sequence[str] | None = None,
     section: str | None = None,
     **rows: Any,
@@ -475,10 +475,10 @@ def fit(
     *,
     free: Iterable[str],
     launch: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
-    error: _Number | None = None,
+    error: Number | None = None,
     robust: bool = False,
     progress: bool | None = None,
-    **losses: _Number,
+    **losses: Number,
 ) -> Fit | JointFit:
     """Fit parameters of one run to a measured angle or spin, or to reversal times.
 
@@ -567,7 +567,7 @@ def fit_with_progress(
     *,
     free: Iterable[str],
     launch: Any,
-    error: _Number | None = None,
+    error: Number | None = None,
     robust: bool = False,
     **losses: Any,
 ) -> Fit:
@@ -591,7 +591,7 @@ def plan_of_fit(
     launch: Any,
     seconds: str,
     fps: float,
-    error: _Number | None = None,
+    error: Number | None = None,
     **losses: Any,
 ) -> Fit:
     """Return the fit that a film of the given values would have, at its best."""
@@ -651,7 +651,7 @@ def _to_fit(
     return run, body, priors, check_free(run, wanted, body)
 
 
-def _priors(run: Launch, errors: Mapping[str, _Number]) -> dict[str, Prior]:
+def _priors(run: Launch, errors: Mapping[str, Number]) -> dict[str, Prior]:
     """Return the priors of a launch and its dissipation, in units of the body."""
     from rattlesweep.analysis.fit.measured import Prior
 
@@ -671,7 +671,7 @@ def page_of(
     title: str | None,
     *,
     points: int | None = None,
-    from_time: _Number | None = None,
+    from_time: Number | None = None,
     path: str | Path | None = None,
 ) -> tuple[Page, Course]:
     """Return the page of a run and its course; write the page if there is a path."""

@@ -18,7 +18,13 @@ from rattlesweep.errors import ConfigError, OutputError, as_lines, one_line, pri
 from rattlesweep.integrate import MOST_THREADS, check_settings
 from rattlesweep.integrate.compile import listening
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.names import ACCURACY_NAMES, MODEL_NAMES, PLOT_NAMES, PRESET_NAMES
+from rattlesweep.names import (
+    ACCURACY_NAMES,
+    EXPORT_FORMATS,
+    MODEL_NAMES,
+    PLOT_NAMES,
+    PRESET_NAMES,
+)
 from rattlesweep.quantities import LOSSES, QUANTITIES
 from rattlesweep.shipped import linked
 from rattlesweep.text import Bar, counted
@@ -299,6 +305,7 @@ PRESET_CHOICE = Choice(PRESET_NAMES)
 MODEL_CHOICE = Choice(MODEL_NAMES)
 ACCURACY_CHOICE = Choice(ACCURACY_NAMES)
 PLOTS = Choice(PLOT_NAMES)
+FORMATS = Choice(EXPORT_FORMATS)
 LIST_OF_METHODS = Choice(list(METHODS))
 
 # Groups of options.
@@ -507,6 +514,8 @@ launch = stack(
     ),
     dissipation,
     t_end,
+)
+integrator = stack(
     group(
         ("--method", LIST_OF_METHODS, "Integrator.  [default: dop853]"),
         ("--tol", float, "Tolerance of an adaptive method.  [default: 1e-9]"),

@@ -426,11 +426,16 @@ def slurm(
 
 
 @command("Sweeps", "rattlesweep schema > rattlesweep.schema.json")
-def schema() -> None:
+@option("--case", is_flag=True, help="That of the documents that `export` writes.")
+def schema(case: bool) -> None:
     """Print the JSON Schema of the config."""
+    from rattlesweep.analysis.engines.case import case_schema
     from rattlesweep.design.config.read import config_json_schema
 
-    click.echo(to_json(config_json_schema()))
+    if case:
+        click.echo(to_json(case_schema()))
+    else:
+        click.echo(to_json(config_json_schema()))
 
 
 def _print_summary(summary: pa.Table | None, directory: Path) -> None:

@@ -48,6 +48,7 @@ COMMANDS = {
     "merge",
     "replay",
     "show",
+    "export",
     "plot",
     "report",
     "slurm",

@@ -287,9 +287,10 @@ class Course:
         self._start = from_time or 0.0
         self.n_crossings = 0  # of the section so far
         self._whole: Columns | None = None
-        # The largest ratio of the contact's forces, between steps too, and the first
-        # times at which the body would slip or lift off.
+        # The largest ratio of the contact's forces and the least normal force, between
+        # steps too, and the first times at which the body would slip or lift off.
         self.friction = 0.0
+        self.least_normal = math.inf
         self._slips_from: float | None = None
         self._lifts_from: float | None = None
         self._ended_slides: list[tuple[float, float]] = []
@@ -405,6 +406,7 @@ class Course:
             return
         self.slide_work = float(samples.slip[-1, SLIP_WORK])
         self.friction = float(extremes[-1, RATIO_MAX])
+        self.least_normal = float(extremes[-1, NORMAL_MIN])
         slips = extremes[:, RATIO_MAX] > COMMON_FRICTION
         lifts = extremes[:, NORMAL_MIN] < 0
         if self._slips_from is None and slips.any():

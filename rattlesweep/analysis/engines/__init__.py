@@ -1,0 +1,1 @@
+"""Runs as cases that physics engines can repeat, with what they should find."""

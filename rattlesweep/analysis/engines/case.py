@@ -1,0 +1,499 @@
+"""One run as a document: what another program needs to repeat it, and what to expect.
+
+The document is in SI units and in axes that physics engines use, with z up.  Its times
+come from two methods at their tightest tolerance.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.spatial.transform import Rotation
+
+from rattlesweep.analysis.onerun.course import Course, PreparedRun
+from rattlesweep.arrays import Floats
+from rattlesweep.design.batches import make_batch
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics import surface as surfaces
+from rattlesweep.physics.si import Units
+from rattlesweep.quantities import LOSSES
+
+if TYPE_CHECKING:
+    from rattlesweep.integrate.follow import Follower
+
+    Columns = dict[str, Floats]
+
+# The first gives the poses; the second checks its zeros.
+METHODS = ("dop853", "verner98")
+TOL = 1e-13
+# Zeros count as known while both methods agree to this, relative to the time.
+AGREED = 1e-6
+MOST_ZEROS = 20
+# Errors of zeros: so many differences of both methods, and at least this of the time.
+SAFETY = 3.0
+LEAST_ERROR = 1e-12
+POSES = 10
+MASS = 1.0  # of a body without a size, in kg; it changes no time
+ARMED = 0.25  # share of n_0 that the spin of a tap exceeds before its zeros count
+CHANNELS = (
+    *("t", "n", "energy", "q0", "q1", "q2", "q3"),
+    *("omega_x", "omega_y", "omega_z", "contact_x", "contact_y", "contact_z"),
+)
+# From the body's axes here, z down at rest, to those of a case: half a turn about x.
+FLIP = np.array([1.0, -1.0, -1.0])
+
+CONVENTIONS = {
+    "units": "kg, m, s, rad, N, J",
+    "world": "The plane is z = 0 and does not move; gravity points along -z.",
+    "body": (
+        "The origin is the centre of mass; x, y and z are principal axes of inertia, "
+        "and z points up at rest."
+    ),
+    "surface": (
+        "Its axes are turned about the body's z axis by `angle`, counterclockwise seen "
+        "from above: the smaller radius of curvature lies along the turned x axis, the "
+        "larger along the turned y axis, and the third semi-axis is vertical."
+    ),
+    "quaternion": (
+        "Unit quaternion from body to world axes, scalar first; q and -q are the same."
+    ),
+    "velocity": "Velocity of the centre of mass along the world's axes.",
+    "omega": "Angular velocity along the body's axes.",
+    "spin": (
+        "Vertical component of the angular velocity; positive is counterclockwise seen "
+        "from above."
+    ),
+    "rolling": (
+        "The contact point of the body has no velocity at launch: the velocity of the "
+        "centre of mass follows from omega. It stays so unless the friction has a "
+        "coefficient and is not enough."
+    ),
+    "first_reversal": (
+        "First zero of the spin after its size has exceeded `counts_above`, which is 0 "
+        "for a body that is launched with a spin."
+    ),
+    "direction": (
+        "In the steady direction the slower oscillation grows and the spin lasts "
+        "longer; in the unsteady direction the faster oscillation grows."
+    ),
+    "error": (
+        "Bound of the numerical error of a time: three times the difference of the two "
+        "methods, and at least 1e-12 of the time."
+    ),
+}
+
+Vector: TypeAlias = tuple[float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]
+
+
+def of(description: str) -> Any:
+    """Return a field with a description."""
+    return Field(description=description)
+
+
+class Part(BaseModel):
+    """A part of the document."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Surface(Part):
+    """The lower surface of the body."""
+
+    shape: Literal["ellipsoid", "paraboloid"]
+    radii: Annotated[
+        tuple[float, float], of("Radii of curvature at the lowest point, m.")
+    ]
+    angle: Annotated[float, of("Angle by which its axes are turned, rad.")]
+    semi_axes: Annotated[Vector | None, of("Semi-axes of an ellipsoid, m.")]
+    centre: Annotated[Vector | None, of("Centre of an ellipsoid in body axes, m.")]
+    rim: Annotated[
+        float | None, of("Height over the lowest point where the surface ends, m.")
+    ]
+
+
+class Body(Part):
+    """The rigid body."""
+
+    mass: Annotated[float, of("kg")]
+    height: Annotated[float, of("Height of the centre of mass at rest, m.")]
+    inertia: Annotated[Vector, of("Principal moments about the centre of mass, kg m2.")]
+    surface: Surface
+    parameters: Annotated[
+        dict[str, float],
+        of("The same body in rattlesweep, in units of mass, height and gravity."),
+    ]
+
+
+class Loss(Part):
+    """A constant of dissipation other than sliding friction."""
+
+    value: float
+    unit: str
+    meaning: str
+
+
+class Plane(Part):
+    """What the plane does to the body."""
+
+    gravity: Annotated[float, of("m/s2")]
+    friction: Annotated[
+        float | None,
+        of("Coefficient of sliding friction; null for a plane that always holds."),
+    ]
+    losses: dict[str, Loss]
+
+
+class Start(Part):
+    """The state at time zero."""
+
+    position: Annotated[Vector, of("Centre of mass, m.")]
+    quaternion: Quaternion
+    velocity: Annotated[Vector, of("m/s")]
+    omega: Annotated[Vector, of("rad/s")]
+
+
+class Zero(Part):
+    """A zero of the spin."""
+
+    time: Annotated[float, of("s")]
+    error: Annotated[float, of("s")]
+
+
+class Method(Part):
+    """A method of integration and what it found."""
+
+    method: str
+    tol: float
+    steps: int
+    first_reversal: Annotated[float | None, of("s")]
+
+
+class Contact(Part):
+    """Extremes of the contact force up to the first reversal."""
+
+    friction: Annotated[float, of("Largest ratio of tangential to normal force.")]
+    least_normal: Annotated[float, of("Least normal force, N.")]
+
+
+class Pose(Part):
+    """The body at some time."""
+
+    time: Annotated[float, of("s")]
+    quaternion: Quaternion
+    omega: Annotated[Vector, of("rad/s")]
+    spin: Annotated[float, of("rad/s")]
+    energy: Annotated[float, of("J, zero at rest upright")]
+
+
+class Expected(Part):
+    """What a program should find."""
+
+    spun: Literal["counterclockwise", "clockwise", "without spin"]
+    direction: Literal["steady", "unsteady"] | None
+    counts_above: Annotated[float, of("rad/s")]
+    first_reversal: Zero | None
+    until: Annotated[float, of("Time to which zeros were searched, s.")]
+    zeros: Annotated[
+        list[Zero], of("The first zeros of the spin, as far as both methods agree.")
+    ]
+    slides: Annotated[
+        list[tuple[float, float]],
+        of("Begin and end of each slide up to the first reversal, s."),
+    ]
+    contact: Contact
+    energy: Annotated[float, of("At launch, J; zero at rest upright.")]
+    poses: Annotated[
+        list[Pose], of("Ten times, evenly spaced up to the first reversal.")
+    ]
+
+
+class Case(Part):
+    """A run of a rattleback that another program can repeat."""
+
+    format: Literal["rattlesweep engine case 1"] = "rattlesweep engine case 1"
+    name: str
+    about: str
+    conventions: dict[str, str]
+    body: Body
+    plane: Plane
+    launch: Start
+    expected: Expected
+    methods: list[Method]
+    made_by: str
+
+    def to_json(self) -> str:
+        """Return the document as text."""
+        return (
+            json.dumps(self.model_dump(mode="json"), indent=1, allow_nan=False) + "\n"
+        )
+
+
+def case_schema() -> dict[str, Any]:
+    """Return the JSON Schema of the document."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **Case.model_json_schema(mode="serialization"),
+    }
+
+
+def make_case(
+    run: PreparedRun, name: str, about: str = "", height: float | None = None
+) -> Case:
+    """Integrate a run by two methods, and return its document.
+
+    `height` is that of the centre of mass of a body without a size, in m; a
+    ConfigError is raised if such a body has none.
+    """
+    if run.model != "full":
+        raise ConfigError(f"model: {run.model} has no moving body; leave it out")
+    if not surfaces.SURFACES[run.config.bodies.bottom].quadric:
+        raise ConfigError(
+            f"surface: a {run.config.bodies.bottom} is neither an ellipsoid nor a "
+            "paraboloid; only these are exported"
+        )
+    units = _units(run, height)
+    if run.units is None:
+        chosen = f"The size and the mass of {MASS:g} kg are chosen."
+        about = f"{about} {chosen}".strip()
+    first, second = (_followed(run, method) for method in METHODS)
+    reversal, other = (_first_reversal(run, follower) for follower in (first, second))
+    end = run.t_end
+    if reversal is not None:
+        end = reversal
+    course = Course(
+        _by(run, METHODS[0], end), CHANNELS, times=np.linspace(0.0, end, 1 + POSES)
+    )
+    columns = course.columns()
+    poses = [_pose(columns, row, units) for row in range(1 + POSES)]
+    time = units.time
+    zeros = [
+        _zero(*both, units)
+        for both in zip(first.zeros, second.zeros, strict=False)
+        if abs(both[0] - both[1]) <= AGREED * both[0]
+    ]
+    n_i = run.launch["n_i"]
+    force, _ = units.sizes["M g"]
+    return Case(
+        name=name,
+        about=about,
+        conventions=CONVENTIONS,
+        body=_body(run, units),
+        plane=_plane(run, units),
+        launch=_start(columns, units),
+        expected=Expected(
+            spun=_turning(n_i),
+            direction=_direction(n_i, run.body["xi"]),
+            counts_above=_counts_above(run) / time,
+            first_reversal=_reversal(reversal, other, units),
+            until=run.t_end * time,
+            zeros=zeros[:MOST_ZEROS],
+            slides=[(begin * time, stop * time) for begin, stop in course.slides],
+            contact=Contact(
+                friction=course.friction, least_normal=force * course.least_normal
+            ),
+            energy=poses[0].energy,
+            poses=poses[1:],
+        ),
+        methods=[
+            Method(
+                method=method,
+                tol=TOL,
+                steps=follower.n_steps,
+                first_reversal=None if found is None else found * time,
+            )
+            for method, follower, found in zip(
+                METHODS, (first, second), (reversal, other), strict=True
+            )
+        ],
+        made_by=f"rattlesweep {version('rattlesweep')}",
+    )
+
+
+def _units(run: PreparedRun, height: float | None) -> Units:
+    """Return the units of a body; one without a size has those of its height."""
+    if run.units is not None:
+        if height is not None:
+            raise ConfigError("length: the body has a size already; leave length out")
+        return run.units
+    if height is None:
+        raise ConfigError(
+            "length: the body has no size; give the height of its centre of mass, such "
+            "as 1 cm"
+        )
+    return Units(MASS, height)
+
+
+def _by(run: PreparedRun, method: str, t_end: float) -> PreparedRun:
+    """Return a run up to a time by a method at its tightest tolerance."""
+    steps = {"method": method, "tol": TOL, "dt": None, "accuracy": None}
+    integrator = run.config.integrator.model_copy(update=steps)
+    launches = replace(run.launches, horizon=np.array([t_end]))
+    return replace(
+        run,
+        config=run.config.model_copy(update={"integrator": integrator}),
+        launches=launches,
+        batch=make_batch(launches, run.model),
+    )
+
+
+def _followed(run: PreparedRun, method: str) -> Follower:
+    """Integrate a run to its horizon; raise a ConfigError if it fails."""
+    course = Course(_by(run, method, run.t_end), points=2)
+    course.columns()
+    follower = course.follower
+    if follower.status.label != "ok":
+        raise ConfigError(
+            f"the run ends at t = {follower.t:g}: {follower.status.meaning}; shorten "
+            "t_end, or take another launch"
+        )
+    return follower
+
+
+def _counts_above(run: PreparedRun) -> float:
+    """Return the spin after which zeros count, in ``sqrt(g/a)``."""
+    if run.launch["n_i"] != 0:
+        return 0.0
+    return ARMED * float(run.launches.n_0[0])
+
+
+def _first_reversal(run: PreparedRun, follower: Follower) -> float | None:
+    """Return the first zero that counts, None if there is none."""
+    counted = follower.zeros if run.launch["n_i"] != 0 else follower.reversals
+    return counted[0] if counted else None
+
+
+def _reversal(first: float | None, second: float | None, units: Units) -> Zero | None:
+    """Return the first reversal; raise a ConfigError if the methods disagree on it."""
+    if first is None and second is None:
+        return None
+    if first is None or second is None or abs(first - second) > AGREED * first:
+        raise ConfigError(
+            "the methods find different first reversals, since the run amplifies "
+            "errors; it is no reference, so take another launch or a shorter t_end"
+        )
+    return _zero(first, second, units)
+
+
+def _zero(first: float, second: float, units: Units) -> Zero:
+    error = max(SAFETY * abs(first - second), LEAST_ERROR * first)
+    return Zero(time=first * units.time, error=error * units.time)
+
+
+def _turning(n_i: float) -> Literal["counterclockwise", "clockwise", "without spin"]:
+    if n_i == 0:
+        return "without spin"
+    return "counterclockwise" if n_i > 0 else "clockwise"
+
+
+def _direction(n_i: float, xi: float) -> Literal["steady", "unsteady"] | None:
+    if n_i == 0:
+        return None
+    return "unsteady" if n_i * xi < 0 else "steady"
+
+
+def rim_of(run: PreparedRun) -> float | None:
+    """Return the height of a body's rim in units of ``a``, None without a rim."""
+    rims = run.launches.bodies.rim
+    if not np.isfinite(rims).any():
+        return None
+    return float(rims[0])
+
+
+def _body(run: PreparedRun, units: Units) -> Body:
+    """Return the body in SI units."""
+    body = run.body
+    size = units.length
+    moments = body["alpha"] - 1, body["beta"] - 1, body["gamma"]
+    unit_of_inertia, _ = units.sizes["M a^2"]
+    c = body.get("c")
+    rim = rim_of(run)
+    semi_axes = None
+    centre = None
+    if c is not None:
+        across = math.sqrt(c / body["theta"])
+        along = math.sqrt(c / body["phi"])
+        semi_axes = size * across, size * along, size * c
+        centre = 0.0, 0.0, size * (c - 1)
+    surface = Surface(
+        shape="paraboloid" if c is None else "ellipsoid",
+        radii=(size / body["theta"], size / body["phi"]),
+        # Angles are clockwise where z points down.
+        angle=-body["xi"],
+        semi_axes=semi_axes,
+        centre=centre,
+        rim=None if rim is None else size * rim,
+    )
+    ixx, iyy, izz = (unit_of_inertia * moment for moment in moments)
+    return Body(
+        mass=units.mass,
+        height=size,
+        inertia=(ixx, iyy, izz),
+        surface=surface,
+        parameters=body,
+    )
+
+
+def _plane(run: PreparedRun, units: Units) -> Plane:
+    """Return gravity and friction in SI units."""
+    losses = {name: float(values[0]) for name, values in run.launches.losses.items()}
+    friction = losses.pop("mu", None)
+    if friction is not None and not math.isfinite(friction):
+        friction = None
+    in_si = {}
+    for name, value in losses.items():
+        if value > 0:
+            size, unit = units.sizes[LOSSES[name].unit]
+            meaning = LOSSES[name].meaning
+            in_si[name] = Loss(value=size * value, unit=unit, meaning=meaning)
+    return Plane(gravity=units.gravity, friction=friction, losses=in_si)
+
+
+def _vector(columns: Columns, name: str, row: int) -> Floats:
+    """Return a vector along the axes of a case."""
+    return FLIP * [float(columns[f"{name}_{axis}"][row]) for axis in "xyz"]
+
+
+def _three(vector: Floats) -> Vector:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+def _quaternion(columns: Columns, row: int) -> Quaternion:
+    w, x, y, z = (float(columns[f"q{k}"][row]) for k in range(4))
+    # The product with half a turn about x.
+    return x, -w, -z, y
+
+
+def _start(columns: Columns, units: Units) -> Start:
+    """Return the state at launch, in which the contact point does not move."""
+    quaternion = _quaternion(columns, 0)
+    w, x, y, z = quaternion
+    to_world = Rotation.from_quat([x, y, z, w])
+    contact = units.length * _vector(columns, "contact", 0)
+    omega = _vector(columns, "omega", 0) / units.time
+    height = -to_world.apply(contact)[2]
+    return Start(
+        position=(0.0, 0.0, float(height)),
+        quaternion=quaternion,
+        velocity=_three(to_world.apply(np.cross(contact, omega))),
+        omega=_three(omega),
+    )
+
+
+def _pose(columns: Columns, row: int, units: Units) -> Pose:
+    size, _ = units.sizes["M g a"]
+    omega = _vector(columns, "omega", row) / units.time
+    return Pose(
+        time=float(columns["t"][row]) * units.time,
+        quaternion=_quaternion(columns, row),
+        omega=_three(omega),
+        spin=float(columns["n"][row]) / units.time,
+        energy=size * float(columns["energy"][row]),
+    )

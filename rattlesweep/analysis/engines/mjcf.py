@@ -1,0 +1,85 @@
+"""A case as a model of MuJoCo (MJCF)."""
+
+import math
+from collections.abc import Sequence
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from rattlesweep.analysis.engines.case import Case, rim_of
+from rattlesweep.analysis.onerun.course import PreparedRun
+from rattlesweep.errors import ConfigError
+from rattlesweep.shipped import linked
+
+# Friction of a plane that always holds: this, or so many times what rolling needs.
+FRICTION = 1.0
+AMPLE = 2.0
+# Time constant of the contact in sqrt(a/g), and the steps in it: the fewest that
+# MuJoCo allows, with which its error is smallest (docs/engines.md).
+SHARE = 0.005
+STEPS = 2
+
+
+def check_model(run: PreparedRun) -> None:
+    """Raise a ConfigError if MuJoCo has no such body or no such friction."""
+    if run.config.bodies.bottom == "paraboloid":
+        raise ConfigError(
+            "body: a physics engine has no paraboloid; give the vertical semi-axis c "
+            "of an ellipsoid, or choose the format json"
+        )
+    if rim_of(run) is not None:
+        raise ConfigError(
+            "body: a physics engine has no half ellipsoid; give mass, height, inertia, "
+            "radii and c of a whole one, or choose the format json"
+        )
+    losses = [
+        name
+        for name, values in run.launches.losses.items()
+        if name != "mu" and values[0] > 0
+    ]
+    if losses:
+        raise ConfigError(
+            f"{', '.join(losses)}: MuJoCo has no such friction; leave it out, or "
+            "choose the format json"
+        )
+
+
+def to_mjcf(case: Case, one_percent: float | None = None) -> str:
+    """Return the model of the case of a run that passed :func:`check_model`.
+
+    `one_percent` is the time constant of the contact, in ``sqrt(a/g)``, that is known
+    to give the first reversal to 1 %.
+    """
+    unit_of_time = math.sqrt(case.body.height / case.plane.gravity)
+    time_constant = SHARE * unit_of_time
+    friction = case.plane.friction
+    if friction is None:
+        needed = case.expected.contact.friction
+        friction = FRICTION if needed < FRICTION else math.ceil(AMPLE * needed)
+    half = case.body.surface.angle / 2
+    environment = Environment(
+        loader=PackageLoader("rattlesweep.analysis", "templates"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["numbers"] = _numbers
+    text = environment.get_template("case.xml.j2").render(
+        case=case,
+        expected=case.expected,
+        surface=case.body.surface,
+        share=SHARE,
+        one_percent=one_percent,
+        unit_of_time=unit_of_time,
+        friction=float(friction),
+        weight=case.body.mass * case.plane.gravity,
+        time_constant=time_constant,
+        timestep=time_constant / STEPS,
+        turned=(math.cos(half), 0.0, 0.0, math.sin(half)),
+    )
+    return linked(text)
+
+
+def _numbers(values: Sequence[float]) -> str:
+    """Return numbers with all their digits, as MJCF lists them."""
+    return " ".join(repr(float(value)) for value in values)

@@ -1,0 +1,130 @@
+"""Runs as files that physics engines and other programs can repeat."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rattlesweep.api.single import INTEGRATOR, Number, prepare_launch
+from rattlesweep.errors import ConfigError
+from rattlesweep.names import EXPORT_FORMATS
+from rattlesweep.physics import si
+from rattlesweep.physics.body import Rattleback
+
+if TYPE_CHECKING:
+    from rattlesweep.analysis.engines.case import Case
+    from rattlesweep.analysis.onerun.course import PreparedRun
+
+ENDINGS = {"mjcf": ".xml", "json": ".json"}
+
+
+def export(
+    body: Rattleback | str,
+    *,
+    format: str = "mjcf",
+    length: Number | None = None,
+    name: str = "rattleback",
+    path: str | Path | None = None,
+    **launch: Any,
+) -> str:
+    """Return a run as a file for a physics engine, with what the engine should find.
+
+    Two methods integrate the run at their tightest tolerance.  The file has the body,
+    the launch and the first reversal in SI units, with z up.
+
+    Parameters
+    ----------
+    body, **launch
+        As for ``trajectory``, but without a method.
+    format : str
+        ``mjcf``, a model of MuJoCo, of an ellipsoid; or ``json``, a document whose
+        schema ``rattlesweep schema --case`` prints.
+    length : float or str, optional
+        Height of the centre of mass, in m, which a body without a size needs.  Such a
+        body has a mass of 1 kg.
+    name : str
+        Name of the case.
+    path : str or Path, optional
+        An .xml or .json file to write the text to.
+
+    Raises
+    ------
+    ConfigError
+        If an argument is wrong, the format cannot have the body or its friction, the
+        run fails, or the methods disagree on its first reversal.
+    """
+    for setting in INTEGRATOR:
+        if launch.get(setting) is not None:
+            raise ConfigError(
+                f"{setting}: two methods integrate an export at their tightest "
+                f"tolerance; leave {setting} out"
+            )
+    run = prepare_launch(body, **launch)
+    return export_run(run, format, length, name, path)[0]
+
+
+def export_run(
+    run: PreparedRun,
+    format: str,
+    length: Number | None,
+    name: str,
+    path: str | Path | None,
+) -> tuple[str, Case]:
+    """Return the text of an export and its case; write the text if there is a path."""
+    from rattlesweep.analysis.engines.case import make_case
+    from rattlesweep.analysis.engines.mjcf import check_model, to_mjcf
+    from rattlesweep.design.config import not_one_of
+    from rattlesweep.files import as_path, replace_file
+
+    if format not in EXPORT_FORMATS:
+        raise ConfigError(f"format: {not_one_of(format, EXPORT_FORMATS)}")
+    if path is not None:
+        path = as_path(path, "path")
+        if path.suffix.lower() != ENDINGS[format]:
+            raise ConfigError(
+                f"path {path}: a file of the format {format} ends in {ENDINGS[format]}"
+            )
+    if format == "mjcf":
+        check_model(run)
+    case = make_case(run, str(name), height=_height(length))
+    text = case.to_json()
+    if format == "mjcf":
+        text = to_mjcf(case)
+    if path is not None:
+        replace_file(path, text.encode())
+    return text, case
+
+
+def _height(length: Number | None) -> float | None:
+    """Return a length in m."""
+    if length is None:
+        return None
+    try:
+        return si.size(length, "length", "length")
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+
+
+def write_cases(directory: Path) -> list[Path]:
+    """Write the reference cases and their schema to a directory; return the files."""
+    import json
+
+    from ruamel.yaml import YAML
+
+    from rattlesweep.analysis.engines.case import case_schema, make_case
+    from rattlesweep.analysis.engines.mjcf import to_mjcf
+    from rattlesweep.design.bodies.making import body_from
+    from rattlesweep.files import probe_directory, replace_file
+
+    source = files("rattlesweep.analysis.engines") / "cases.yaml"
+    texts = {"schema.json": json.dumps(case_schema(), indent=1) + "\n"}
+    for name, keys in YAML(typ="safe").load(source.read_text("utf-8")).items():
+        run = prepare_launch(body_from(keys["body"]), **keys["launch"])
+        case = make_case(run, name, keys["about"], _height(keys.get("length")))
+        texts[f"{name}.json"] = case.to_json()
+        texts[f"{name}.xml"] = to_mjcf(case, keys.get("one_percent"))
+    probe_directory(directory)
+    for file, text in texts.items():
+        replace_file(directory / file, text.encode())
+    return [directory / file for file in texts]

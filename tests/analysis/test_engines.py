@@ -1,0 +1,112 @@
+"""Cases for physics engines: what they say, who is refused, and one run by MuJoCo."""
+
+import json
+import xml.etree.ElementTree as ET
+
+import jsonschema
+import numpy as np
+import pytest
+from sweeping import ROOT, invoke
+
+import rattlesweep as rs
+from rattlesweep.analysis.engines.case import rim_of
+from rattlesweep.api.single import prepare_launch
+from rattlesweep.errors import ConfigError
+
+FOLDER = ROOT / "benchmarks" / "engines"
+GH = rs.Rattleback.gh()
+ELLIPSOID = GH.replace(c=2.0)
+HALF = rs.Rattleback.half_ellipsoid(
+    length="12 cm", width="3 cm", height="1.2 cm", mass="60 g", skew="8 deg"
+)
+LAUNCH = {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 120}
+
+
+def test_a_document_obeys_its_schema_and_scales_with_the_size():
+    schema = json.loads(invoke("schema", "--case").stdout)
+    small = json.loads(rs.export(GH, format="json", length=0.01, **LAUNCH))
+    large = json.loads(rs.export(GH, format="json", length="4 cm", **LAUNCH))
+    jsonschema.validate(small, schema)
+    zeros = [each["expected"]["first_reversal"]["time"] for each in (small, large)]
+    assert zeros[1] == pytest.approx(2 * zeros[0], rel=1e-14)
+    t_r = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, tol=1e-12).t_r
+    assert zeros[0] == pytest.approx(t_r * np.sqrt(0.01 / 9.81), rel=1e-8)
+    assert small["expected"]["poses"][-1]["spin"] == pytest.approx(0, abs=1e-9)
+
+
+def test_a_model_has_the_body_and_a_launch_that_rolls():
+    text = rs.export(ELLIPSOID, length="1 cm", **LAUNCH)
+    assert "mass of 1 kg are chosen" in text
+    root = ET.fromstring(text)
+    key = root.find("keyframe/key")
+    qpos = np.array(key.get("qpos").split(), float)
+    qvel = np.array(key.get("qvel").split(), float)
+    # Upright, the body's axes are the world's: v = omega x (0, 0, height).
+    assert qvel[:3] == pytest.approx(np.cross(qvel[3:], [0, 0, qpos[2]]), abs=1e-15)
+    assert qvel[5] > 0
+
+
+@pytest.mark.parametrize(
+    ("body", "more", "sentence"),
+    [
+        (GH, {}, "no paraboloid"),
+        (HALF, {"n_i": "60 rpm", "t_end": "5 s"}, "no half ellipsoid"),
+        (ELLIPSOID, {"sigma": 0.1}, "^sigma: MuJoCo has no such friction"),
+        (ELLIPSOID, {}, "length: the body has no size"),
+        (ELLIPSOID, {"length": "4 s"}, "length"),
+        (ELLIPSOID, {"format": "urdf"}, "format"),
+        (ELLIPSOID, {"tol": 1e-9}, "leave tol out"),
+        (rs.Rattleback.kl(), {"length": "4 cm"}, "has a size already"),
+    ],
+)
+def test_what_cannot_be_exported_is_refused(body, more, sentence):
+    with pytest.raises(ConfigError, match=sentence):
+        rs.export(body, **{**LAUNCH, **more})
+
+
+def test_a_half_ellipsoid_has_a_rim():
+    half = prepare_launch(HALF, n_i="60 rpm", omega_xy0="6 rpm", t_end="1 s")
+    assert rim_of(half) == HALF.rim
+    assert rim_of(prepare_launch(ELLIPSOID, **LAUNCH)) is None
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path):
+    arguments = ["export", "--preset", "GH", "--n-i", "0.1", "--length", "1cm"]
+    arguments.append("--output")
+    done = invoke(*arguments, str(tmp_path / "gh.xml"))
+    assert done.exit_code == 2
+    assert not list(tmp_path.iterdir())
+    assert invoke(*arguments, str(tmp_path / "gh.json")).exit_code == 0
+    both = invoke("export", "--cases", str(tmp_path / "cases"), "--preset", "GH")
+    assert both.exit_code == 2
+    assert "--preset" in both.stderr
+
+
+@pytest.mark.slow
+def test_mujoco_reverses_within_a_percent(monkeypatch):
+    pytest.importorskip("mujoco")
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import engines
+
+    case = json.loads((FOLDER / "demo-clockwise.json").read_text())
+    expected = case["expected"]["first_reversal"]["time"]
+    assert expected == pytest.approx(1.37219, abs=1e-5)
+    found = engines.mujoco_run(case).first_reversal
+    assert found == pytest.approx(expected, rel=0.01)
+    # At first order in the time constant of the contact.
+    errors = [
+        expected - engines.mujoco_run(case, share).first_reversal
+        for share in (0.01, 0.005)
+    ]
+    assert errors[0] / errors[1] == pytest.approx(2, rel=0.1)
+
+
+@pytest.mark.slow
+def test_an_independent_program_finds_the_same(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import engines
+
+    for name in ("demo-clockwise", "demo-slides", "cabinet"):
+        case = json.loads((FOLDER / f"{name}.json").read_text())
+        expected = case["expected"]["first_reversal"]["time"]
+        assert engines.independent(case) == pytest.approx(expected, rel=1e-9)
