@@ -16,6 +16,7 @@ from rattlesweep.errors import ConfigError, one_line
 KINDS = {
     "mass": ("kg", "85 g"),
     "length": ("m", "12 mm"),
+    "density": ("kg/m^3", "1.24 g/cm^3"),
     "moment of inertia": ("kg m^2", "2.1 kg cm^2"),
     "angle": ("rad", "1.5 deg"),
     "spin": ("rad/s", "60 rpm"),

@@ -224,6 +224,22 @@ def _measured(kind: str, text: str) -> float | str:
     return text
 
 
+def _points(text: str) -> list[tuple[Quantity, list[float | str]]]:
+    """Read point masses with places, which are numbers or have units."""
+    example = "as in '7.5g@45,-9,0; 7.5g@-45,9,0'"
+    points = []
+    for part in filter(str.strip, text.split(";")):
+        mass, at, place = part.partition("@")
+        coordinates = place.split(",")
+        if not at or len(coordinates) != 3:
+            raise ValueError(f"a point is no mass at a place; write it {example}")
+        lengths = [_measured("length", coordinate) for coordinate in coordinates]
+        points.append((Quantity(mass, "mass"), lengths))
+    if not points:
+        raise ValueError(f"has no point; write it {example}")
+    return points
+
+
 def _direction(text: str) -> float | str:
     """Read degrees, or a word, which the launch checks."""
     with suppress(ValueError):
@@ -301,6 +317,7 @@ ENERGY_VALUE = measured("energy")
 MASS = si_quantity("mass")
 HEIGHT = si_quantity("length")
 ANGLE = si_quantity("angle")
+POCKET_SIZE = several("diameter,depth", "length", 2)
 PRESET_CHOICE = Choice(PRESET_NAMES)
 MODEL_CHOICE = Choice(MODEL_NAMES)
 ACCURACY_CHOICE = Choice(ACCURACY_NAMES)
@@ -477,9 +494,39 @@ _BODY: tuple[_Row, ...] = (
         HEIGHT,
         "Thickness of an open shell, as in 2mm; without it the body is solid.",
     ),
+    (
+        "--mesh",
+        Kind("file", _path),
+        "Instead of height, inertia and radii: a closed mesh (STL, OBJ, PLY, 3MF).",
+    ),
+    ("--unit", str, "Unit of the mesh.  [default: mm]"),
+    (
+        "--density",
+        si_quantity("density"),
+        "Density of the mesh instead of --mass, as in '1.24 g/cm^3'.",
+    ),
+    (
+        "--points",
+        Kind("mass@x,y,z;...", _points),
+        "Point masses in the mesh, not in --mass, with places in its unit, as in "
+        "'7.5g@45,-9,0; 7.5g@-45,9,0'.",
+    ),
+    (
+        "--up",
+        VECTOR,
+        "Direction of the mesh that is up, roughly; by default that of its flat side, "
+        "or z.",
+    ),
 )
 BODY = [flag.removeprefix("--").replace("-", "_") for flag, _, _ in _BODY]
 body_options = group(*_BODY)
+
+
+def some_of_body(*names: str) -> Decorator:
+    """Return those options of a body that have some names."""
+    return group(*(row for row in _BODY if row[0].removeprefix("--") in names))
+
+
 dissipation = group(
     *(
         named(name, measured(loss.kind, loss.kind.split()[0]) if loss.kind else float)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Collection
 from dataclasses import asdict
 from pathlib import Path
@@ -23,7 +24,7 @@ from rattlesweep.cli.options import (
     tell,
     to_json,
 )
-from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.errors import ConfigError, ConfigWarning, one_line
 from rattlesweep.quantities import LOSSES
 from rattlesweep.text import Bar, align, counted
 
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.physics.body import Rattleback
 
+LEAST_FINENESS = 24  # below it the foot is a facet
+MOST_FINENESS = 400  # 1.3 million triangles
 MOST_TIMES = 8  # of a list of reversals, the others are not printed
 
 
@@ -46,12 +49,18 @@ MOST_TIMES = 8  # of a list of reversals, the others are not printed
     "--n-i 60rpm",
     "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
     "--radii '50,1.5 cm' --n-i 60rpm",
+    "rattlesweep body --mesh stone.stl --unit mm --mass 60g --n-i 60rpm",
 )
 @options.body_options
 @options.spin_options
 @options.dissipation
+@options.file(
+    "--figure",
+    *options.PICTURES,
+    help="Also draw the mesh at rest and the part of its bottom that was fitted.",
+)
 @options.as_json
-def body(as_json: bool, **given: Any) -> None:
+def body(as_json: bool, figure: Path | None, **given: Any) -> None:
     """Print the derived quantities of a body: modes, thresholds, reversal times.
 
     Spin and oscillation matter for the reversal times only. A body in SI units gets all
@@ -64,6 +73,10 @@ def body(as_json: bool, **given: Any) -> None:
     )
     from rattlesweep.api.arrays import one_number, require_units
 
+    probe_files(figure)
+    of_mesh = {name: given[name] for name in options.BODY if given[name] is not None}
+    if figure is not None and "mesh" not in of_mesh:
+        raise ConfigError("--figure shows a mesh; add --mesh, or leave it out")
     described = _body_of(given)
     launch = pick(given, *given)
     require_units(launch, described.units, _flag)
@@ -77,6 +90,10 @@ def body(as_json: bool, **given: Any) -> None:
     mu = launch.get("mu", COMMON_FRICTION)
     if friction is not None and friction > mu:
         say(f"warning: {SLIPS_AT_REVERSAL.format(friction)}")
+    if figure is not None:
+        from rattlesweep.analysis.onerun.meshes import save_figure_of_mesh
+
+        save_figure_of_mesh(figure, of_mesh, {each.name: each for each in values})
     if as_json:
         click.echo(to_json(_as_data(described, values)))
     else:
@@ -193,6 +210,83 @@ def contact(stone: Path | None, as_json: bool, **given: Any) -> None:
         click.echo(_as_table(described, values))
     for remark in patch.remarks:
         say(remark)
+
+
+@command(
+    "One run",
+    "rattlesweep stl --half-ellipsoid 12cm,3cm,12mm --skew 5deg --output stone.stl",
+    "rattlesweep stl --half-ellipsoid 12cm,4cm,15mm --at 40mm,-7mm --pocket 10mm,4mm "
+    "--output stone.stl",
+)
+@options.some_of_body("half-ellipsoid", "skew", "at")
+@option(
+    "--pocket",
+    type=options.POCKET_SIZE,
+    help="Diameter and depth of a round hole for a weight, around --at; another lies "
+    "opposite.",
+)
+@option(
+    "--fineness",
+    type=options.COUNT,
+    default=96,
+    help="Rings of triangles from the lowest point to the edge.",
+)
+@options.file(
+    "--output",
+    *(".stl", ".obj", ".ply", ".3mf"),
+    required=True,
+    help="File to write, whose unit is mm.",
+)
+@options.quiet
+def stl(output: Path, fineness: int, quiet: bool, **given: Any) -> None:
+    """Write a half ellipsoid as a closed mesh for a 3D printer, and read it back.
+
+    A skew turns the base against the flat side: the half ellipsoid is twisted about the
+    vertical.  Pockets are left empty in what is read back.
+    """
+    from math import degrees
+
+    from rattlesweep.physics import si
+    from rattlesweep.physics.mesh.printing import write
+    from rattlesweep.physics.mesh.shapes import half_ellipsoid, pockets_at, twist_of
+
+    probe_files(output)
+    if given["half_ellipsoid"] is None:
+        raise ConfigError("--half-ellipsoid is missing; add it, as in 12cm,3cm,12mm")
+    if (given["at"] is None) != (given["pocket"] is None):
+        raise ConfigError("--at and --pocket belong together; give both or none")
+    if not LEAST_FINENESS <= fineness <= MOST_FINENESS:
+        raise ConfigError(
+            f"--fineness: {fineness} is out of range; from {LEAST_FINENESS} to "
+            f"{MOST_FINENESS} is allowed"
+        )
+    names = ("length", "width", "height")
+    length, width, height = (
+        si.size(text, "length", name)
+        for name, text in zip(names, given["half_ellipsoid"], strict=True)
+    )
+    skew = si.number(given["skew"] or 0.0, "angle", "skew")
+    pockets = []
+    if given["pocket"] is not None:
+        pockets = pockets_at(
+            si.two_lengths(given["at"], "at"), si.two_lengths(given["pocket"], "pocket")
+        )
+    solid = half_ellipsoid(length, width, height, fineness, skew, pockets)
+    standing = write(solid, output)
+    tell(output)
+    if quiet:
+        return
+    say(
+        f"{len(solid.faces):,} triangles, closed, {solid.volume * 1e6:.5g} cm^3, unit "
+        f"mm; the base is turned by {degrees(twist_of(skew, length / width)):.4g} deg "
+        "against the flat side"
+    )
+    smaller, larger = standing.surface.radii * 1e3
+    found = -degrees(standing.parameters["xi"])
+    say(
+        f"read back: skew {found:.4g} deg, radii {smaller:.5g} and {larger:.5g} mm, "
+        f"centre of mass {standing.height * 1e3:.5g} mm high"
+    )
 
 
 def _list_channels(
@@ -454,14 +548,19 @@ def _body_of(given: Given) -> Rattleback:
         lengths = values.pop("half_ellipsoid")
         values["length"], values["width"], values["height"] = lengths
     semi_axis = values.get("c")
-    if "shape" in values or "mass" in values:
+    if values.keys() & {"shape", "mesh", "mass"}:
         require_unit("--c", semi_axis, "length")
     elif isinstance(semi_axis, str):
         raise ConfigError(
             "--c has a unit, but the body has no size; give a number in a"
         )
     # The types of the options have refused numbers without a unit, and read the others.
-    return body_from(values, _flag, in_si=True)
+    with warnings.catch_warnings(record=True) as doubts:
+        warnings.simplefilter("always", ConfigWarning)
+        described = body_from(values, _flag, in_si=True)
+    for doubt in doubts:
+        say(f"warning: {doubt.message}")
+    return described
 
 
 def _prepared(given: Given) -> PreparedRun:

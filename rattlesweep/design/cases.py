@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -68,6 +68,7 @@ class Case:
     omega_xy0: float | None = None
     losses: tuple[tuple[str, float], ...] = ()
     in_si: tuple[tuple[str, Quantity], ...] = ()
+    mesh: str | None = None  # file of the body, where each case has its own
 
     @classmethod
     def of(
@@ -85,10 +86,11 @@ class Case:
                 natural[name] = setting.natural
             elif setting.si is not None:
                 in_si[name] = setting.si
-        launch = {name: natural.pop(name, None) for name in ("n_i", "omega_xy0")}
+        n_i = natural.pop("n_i", None)
+        omega_xy0 = natural.pop("omega_xy0", None)
         losses = tuple(natural.items())
         in_order = tuple(in_si.items())
-        return cls(index, target_name, target, **launch, losses=losses, in_si=in_order)
+        return cls(index, target_name, target, n_i, omega_xy0, losses, in_order)
 
     def setting(self, name: str) -> Setting:
         """Return the value of a column of `VARIES`."""
@@ -104,6 +106,8 @@ class Case:
     def dump(self) -> dict[str, str | float]:
         """Return the case as JSON data, without what is None."""
         data: dict[str, str | float] = {"case": self.index}
+        if self.mesh is not None:
+            data["mesh"] = self.mesh
         if self.target_name is not None and self.target is not None:
             data[self.target_name] = self.target
         for name in VARIES:
@@ -132,7 +136,10 @@ class Case:
         for key, setting in settings.items():
             if not math.isfinite(setting.natural or setting.si or 0.0):
                 raise ValueError(f"{key} of a case is not finite")
-        return cls.of(data["case"], name, target, settings)
+        mesh = data.get("mesh")
+        if not isinstance(mesh, str | None):
+            raise ValueError("the mesh of a case is no path")
+        return replace(cls.of(data["case"], name, target, settings), mesh=mesh)
 
     def __str__(self) -> str:
         texts = []

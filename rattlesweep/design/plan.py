@@ -4,7 +4,7 @@ The row of a run follows from the config and its key alone.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -13,12 +13,13 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.design.bodies import Source
+from rattlesweep.design.bodies.meshes import MeshBodies
 from rattlesweep.design.bodies.sources import make_source
 from rattlesweep.design.bodies.table import TableBodies, check_value
 from rattlesweep.design.cases import MAX_RUNS, Case, Design
 from rattlesweep.design.columns import STATE_FIELDS, runs_schema
 from rattlesweep.design.config.clashes import SETTING_KEYS, clashes
-from rattlesweep.design.config.schema import Config, SdSource, TableSource
+from rattlesweep.design.config.schema import Config, MeshSource, SdSource, TableSource
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
@@ -38,7 +39,11 @@ class Plan(Design):
 
     @cached_property
     def targets(self) -> Floats:
-        """Target of each case, NaN without one."""
+        """Target of each case, or the number of its mesh, NaN without one."""
+        if isinstance(self.config.bodies, MeshSource):
+            paths = list(self.config.bodies.path)
+            numbers = [paths.index(case.mesh or "") for case in self.cases]
+            return np.array(numbers, float)
         return np.array([case.target for case in self.cases], float)
 
 
@@ -66,9 +71,13 @@ def make_plan(
     losses: list[dict[str, Setting]] = [{}]
     if config.dissipation:
         losses = _combinations(config.dissipation.values, values)
+    meshes: list[str | None] = [None]
+    if isinstance(config.bodies, MeshSource):
+        meshes = [*config.bodies.path]
     cases: list[Case] = []
-    for (name, value), launch, loss in product(targets, launches, losses):
-        cases.append(Case.of(len(cases), name, value, launch | loss))
+    for mesh, (name, value), launch, loss in product(meshes, targets, launches, losses):
+        case = Case.of(len(cases), name, value, launch | loss)
+        cases.append(replace(case, mesh=mesh))
     extra = source.fields
     if is_state:
         extra = STATE_FIELDS + extra
@@ -149,7 +158,10 @@ def _natural(config: Config, source: Source) -> _Values:
     count = source.samples
     if not isinstance(source, TableBodies):
         count = min(count, _MOST_SIZES)
-    units = source.bodies(np.nan, np.arange(count)).units
+    if isinstance(source, MeshBodies):
+        units: Units | None = source.units
+    else:
+        units = source.bodies(np.nan, np.arange(count)).units
     natural: _Values = {}
     for name, values in config.settings.items():
         converted = [_convert(name, value, units) for value in values]

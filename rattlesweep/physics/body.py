@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from numbers import Real
@@ -12,7 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattlesweep.arrays import Floats
+from rattlesweep.errors import ConfigWarning
 from rattlesweep.physics import si
+from rattlesweep.physics.mesh.reading import read_standing
+from rattlesweep.physics.mesh.standing import Standing
 from rattlesweep.physics.si import Units
 
 T = TypeVar("T", float, Floats)
@@ -306,6 +311,73 @@ class Rattleback:
         g = si.size(gravity, "acceleration", "gravity")
         units = Units(body.pop("mass"), body.pop("height"), g)
         return cls(**body, rim=body["c"], units=units)
+
+    @classmethod
+    def from_mesh(
+        cls,
+        path: str | os.PathLike[str],
+        unit: str = "mm",
+        *,
+        mass: float | str | None = None,
+        density: float | str | None = None,
+        points: Sequence[tuple[float | str, Sequence[float | str] | str]] = (),
+        up: Sequence[float] | None = None,
+        gravity: float | str = si.GRAVITY,
+    ) -> Rattleback:
+        """Return the body of a closed mesh, such as one for a 3D printer.
+
+        Mass, centre and inertia are those of a solid of uniform density.  The body
+        rests where its centre of mass is lowest, and a quadric through the lowest
+        points of its convex hull gives the radii, their axes and the ellipsoid.  If it
+        has a large flat side, a run ends with the status ``rim`` where it rolls past
+        its edge.
+
+        Parameters
+        ----------
+        path : str or path
+            STL, OBJ, PLY or 3MF file; needs ``pip install 'rattlesweep[mesh]'``.
+        unit : str
+            Unit of the file.
+        mass, density : float or str
+            Weighed mass in kg without the points, or else density in kg/m^3.
+        points : sequence of (mass, (x, y, z))
+            Point masses, such as coins, in kg or with units.  Numbers of a place are in
+            the `unit` and the frame of the mesh.
+        up : three floats, optional
+            Direction of the mesh that is up, roughly.  Without it, that of the largest
+            flat side, or else the z axis.
+        gravity : float or str
+            Gravity in m/s^2.
+
+        Raises
+        ------
+        ValueError
+            If the file cannot be read, the mesh is open or inside out, its size or
+            density is absurd, it rests on no point, or no principal axis of inertia is
+            vertical to within 3 degrees.
+
+        Warns
+        -----
+        ConfigWarning
+            If the radii change by more than 5 % with the part of the bottom that is
+            fitted, or the body may differ from the real one in another way.
+
+        Examples
+        --------
+        >>> stone = rs.Rattleback.from_mesh(
+        ...     "stone.stl", mass="60 g", points=[("7.5 g", (45, -9, 0))]
+        ... )  # doctest: +SKIP
+        """
+        standing = read_standing(path, unit, mass, density, points, up, gravity)
+        for doubt in standing.doubts:
+            warnings.warn(doubt, ConfigWarning, stacklevel=2)
+        return cls.of_standing(standing, si.number(gravity, "acceleration", "gravity"))
+
+    @classmethod
+    def of_standing(cls, standing: Standing, gravity: float = si.GRAVITY) -> Rattleback:
+        """Return the body of a solid that stands on the table."""
+        units = Units(standing.mass.mass, standing.height, gravity)
+        return cls(**standing.parameters, units=units)
 
     def replace(self, **parameters: Any) -> Rattleback:
         """Return the body with some parameters changed, such as ``theta=0.82``."""

@@ -213,7 +213,7 @@ def components(
         raise ValueError(
             f"inertia: no body has the principal moments {listed} kg m^2; {condition}"
         )
-    tilt = _tilt(tensor)
+    tilt = axis_tilt(tensor)
     if tilt > MAX_TILT:
         raise ValueError(
             f"inertia: the z axis is off a principal axis by {tilt:.2g} rad"
@@ -221,7 +221,7 @@ def components(
     return tuple(float(tensor[place]) for place in ((0, 0), (1, 1), (2, 2), (0, 1)))
 
 
-def _tilt(tensor: Floats) -> float:
+def axis_tilt(tensor: Floats) -> float:
     """Return the angle between the z axis and the nearest principal axis, in radians.
 
     A product of inertia turns two axes into each other by the more, the closer their

@@ -29,7 +29,7 @@ def stored_plan(stored: Stored) -> Plan:
     """Return the plan from which stored runs can be computed again."""
     base = stored.manifest["base"] or "."
     path = getattr(stored.config.bodies, "path", None)
-    if path is not None and (stored.directory / path).exists():
+    if isinstance(path, str) and (stored.directory / path).exists():
         base = stored.directory  # a directory may have been moved with its table
     plan = replace(make_plan(stored.config, Path(base)), cases=stored.cases)
     check_same(stored, _describe(plan, stored.directory))

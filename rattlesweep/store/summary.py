@@ -16,9 +16,9 @@ import pyarrow as pa
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.design import columns as tables
 from rattlesweep.design.cases import VARIES, Case
-from rattlesweep.design.columns import F64, I32, I64
+from rattlesweep.design.columns import F64, I32, I64, TEXT
 from rattlesweep.design.results import Values
-from rattlesweep.errors import OutputError
+from rattlesweep.errors import OutputError, one_line
 from rattlesweep.names import REGIMES
 from rattlesweep.physics.theory import unsteady
 from rattlesweep.quantities import COUPLE_CONSTANTS, LOSSES, MEASURES, RATE, TIME
@@ -440,6 +440,13 @@ _COLUMNS = (
         "1",
         "number of the case, from 0",
     ),
+    SummaryColumn(
+        "mesh",
+        TEXT,
+        lambda cases, counts: pa.array([case.mesh for case in cases], TEXT),
+        "1",
+        "file of the body; null: bodies are no meshes",
+    ),
     SummaryColumn("K_p", F64, _target("K_p"), "1", "target of K_p; null: none"),
     SummaryColumn("K_r", F64, _target("K_r"), "1", "target of K_r; null: none"),
     SummaryColumn(
@@ -708,6 +715,8 @@ def closing_table(summary: pa.Table) -> str:
     lines = [["case", "target", *(column.heading for column in printed)]]
     for row in summary.to_pylist():
         targets = [f"{k}={row[k]:.4g}" for k in ("K_p", "K_r") if row[k] is not None]
+        if row.get("mesh") is not None:
+            targets = [one_line(row["mesh"])]
         line = [str(row["case"]), *(targets or ["-"])]
         for column in printed:
             value = row[column.name]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from rattlesweep.design.bodies.meshes import MeshBodies
 from rattlesweep.design.bodies.sources import SdBodies
 from rattlesweep.design.bodies.table import (
     Frame,
@@ -60,6 +61,8 @@ def checked_plan(
         carried = unknown_columns(getattr(plan.source, "carried", ()))
         if carried:
             warnings.append(f"bodies: columns carried along: {', '.join(carried)}")
+        if isinstance(plan.source, MeshBodies):
+            warnings += map(config.located, plan.source.doubts)
         if isinstance(plan.source, SdBodies):
             plan.source.check_targets()
     return plan, warnings

@@ -253,7 +253,7 @@ sd | samples: 1000 | sampels: 1000 | 5: bodies.sampels: unknown key "sampels"; d
 sd | model: full | zzz: full | 12: zzz: unknown key "zzz"; allowed are name, seed, bodies, stop, launch, spin, model, horizon,
 sd | method: dop853, tol: 1e-9 | accuracy: {t_r: 1e-6, tr: 1} | 14: integrator.accuracy.tr: unknown key "tr"; did you mean "t_r"?
 sd | model: full | model: redused | 12: model: "redused" is not one of full, reduced, gh; did you mean "reduced"?
-sd | source: sd | source: sdd | 4: bodies.source: "sdd" is not one of sd, preset, table, grid, shape; did you mean "sd"?
+sd | source: sd | source: sdd | 4: bodies.source: "sdd" is not one of sd, preset, table, grid, shape, mesh; did you mean "sd"?
 sd | method: dop853, tol: 1e-9 | accuracy: drft | 14: integrator.accuracy: "drft" is not one of draft, standard, reference; did you mean "draft"?
 preset | bodies: {source: preset, name: GH, overrides: {theta: 0.82}}\n |  | 1: bodies: the key is missing; add it
 sd | model: full | seed: 3 | 12: seed: the key is repeated (first in line 2); keep one

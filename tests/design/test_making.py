@@ -52,7 +52,7 @@ def test_degrees_and_their_mirror_image():
 @pytest.mark.parametrize(
     ("body", "sentence"),
     [
-        ({}, "alpha is missing; add it, or give preset, shape, mass or f_sd"),
+        ({}, "alpha is missing; add it, or give preset, shape, mesh, mass or f_sd"),
         ({"mass": "1 kg"}, "inertia is missing; add it"),
         ({"shape": "cube"}, 'shape: "cube" is not one of half_ellipsoid; choose'),
         ({"preset": "XY"}, 'preset: "XY" is not one of GH, KL; choose one of them'),

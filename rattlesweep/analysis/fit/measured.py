@@ -20,6 +20,7 @@ _SIZES = (
     "width",
     "height",
     "mass",
+    "density",
     "skew",
     "weights",
     "wall",
@@ -97,7 +98,7 @@ def measured_body(values: Mapping[str, object], in_si: bool = True) -> MeasuredB
     keys, errors = separate(values)
     body = body_from(keys, in_si=in_si)
     known = NUMBERS
-    if "shape" in keys or "mass" in keys:
+    if keys.keys() & {"shape", "mesh", "mass"}:
         known = _SIZES
     priors = {}
     for name, error in errors.items():

@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from inspect import signature
 
 from rattlesweep.design.config import not_one_of
 from rattlesweep.errors import ConfigError
+from rattlesweep.files import as_path
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.quantities import ANGLES
 from rattlesweep.units import require_unit
@@ -13,6 +15,7 @@ from rattlesweep.units import require_unit
 # Kinds of the keys of bodies with a size.
 SIZE_KINDS = {
     "mass": "mass",
+    "density": "density",
     "weights": "mass",
     "length": "length",
     "width": "length",
@@ -26,8 +29,9 @@ SIZE_KINDS = {
     "inertia": "moment of inertia",
     "gravity": "acceleration",
 }
+OF_MESHES = ("unit", "points", "up")
 # Keys that choose how a body is made.
-WAYS = ("preset", "shape", "mass", "f_sd")
+WAYS = ("preset", "shape", "mesh", "mass", "f_sd")
 
 
 def body_from(
@@ -41,8 +45,9 @@ def body_from(
     ----------
     values : mapping
         ``preset`` and parameters that replace its own; ``shape: half_ellipsoid`` and
-        the arguments of :meth:`Rattleback.half_ellipsoid`; ``mass`` and the arguments
-        of :meth:`Rattleback.from_si`; ``f_sd`` and those of
+        the arguments of :meth:`Rattleback.half_ellipsoid`; ``mesh``, a file, and the
+        arguments of :meth:`Rattleback.from_mesh`; ``mass`` and the arguments of
+        :meth:`Rattleback.from_si`; ``f_sd`` and those of
         :meth:`Rattleback.shell_dumbbell`; or those of :class:`Rattleback`.  The skew
         angle may be given as ``xi``, ``xi_deg`` or ``minus_xi_deg``.
     spelled : callable
@@ -69,7 +74,7 @@ def body_from(
     for key in values:
         if key in required:
             continue
-        if key in (*SIZE_KINDS, *WAYS, *PARAMETERS, "z_up"):
+        if key in (*SIZE_KINDS, *WAYS, *PARAMETERS, "z_up", *OF_MESHES):
             chosen = "a body by its parameters" if way not in WAYS else spelled(way)
             raise ConfigError(
                 f"{spelled(key)} does not go with {chosen}; leave one of them out"
@@ -83,8 +88,10 @@ def body_from(
                 *ways, last = map(spelled, WAYS)
                 sentence += f", or give {', '.join(ways)} or {last}"
             raise ConfigError(sentence)
-    if way in ("shape", "mass") and not in_si:
+    if way in ("shape", "mesh", "mass") and not in_si:
         for key, value in values.items():
+            if key == "points":
+                require_units_of_points(spelled(key), value)
             if key in SIZE_KINDS:
                 require_unit(spelled(key), value, SIZE_KINDS[key])
     semi_axis = None
@@ -112,11 +119,24 @@ def _maker(values: dict[str, object]) -> tuple[str, Callable[..., Rattleback]]:
         if shape != "half_ellipsoid":
             raise ConfigError(f"shape: {not_one_of(shape, ['half_ellipsoid'])}")
         return "shape", Rattleback.half_ellipsoid
+    if "mesh" in values:
+        path = as_path(values.pop("mesh"), "mesh")
+        return "mesh", partial(Rattleback.from_mesh, path)
     if "mass" in values:
         return "mass", Rattleback.from_si
     if "f_sd" in values:
         return "f_sd", Rattleback.shell_dumbbell
     return "parameters", Rattleback
+
+
+def require_units_of_points(name: str, points: object) -> None:
+    """Raise a ConfigError if the mass of a point has no unit.
+
+    Its place has the unit of the mesh.
+    """
+    for point in points if isinstance(points, list | tuple) else ():
+        if isinstance(point, list | tuple) and point:
+            require_unit(name, point[0], "mass")
 
 
 def preset_of(name: object, where: str) -> Rattleback:

@@ -28,11 +28,13 @@ from numba.extending import register_jitable
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.design.bodies import Source
+from rattlesweep.design.bodies.meshes import read_meshes
 from rattlesweep.design.bodies.table import TableBodies, read_bodies, run_fields
 from rattlesweep.design.columns import MEASURED
 from rattlesweep.design.config.schema import (
     Config,
     GridSource,
+    MeshSource,
     PresetSource,
     SdSource,
     ShapeSource,
@@ -71,6 +73,8 @@ def make_source(config: Config, base: Path | None, rows: TableBodies | None) -> 
         return SdBodies(config.seed, bodies)
     if isinstance(bodies, ShapeSource):
         return ShapeBodies(config.seed, bodies)
+    if isinstance(bodies, MeshSource):
+        return read_meshes(bodies, base)
     if isinstance(bodies, TableSource):
         if rows is None:
             rows = read_bodies(bodies.path, base)

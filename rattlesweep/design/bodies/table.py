@@ -244,7 +244,7 @@ def run_fields(
 
 def unknown_columns(names: Iterable[str]) -> list[str]:
     """Return the names of columns that no run depends on, which may be misspelt."""
-    known = {"", "case", "sample", *INPUT, *_RESULTS, *_KEPT}
+    known = {"", "case", "sample", "mesh", *INPUT, *_RESULTS, *_KEPT}
     return [name for name in names if name not in known and about(name)[0] == "1"]
 
 
@@ -254,6 +254,8 @@ def about(name: str) -> tuple[str, str]:
     if drawn is not None:
         size, unit = drawn.groups()
         return unit, f"{size} of the shape"
+    if name == "mesh":
+        return "1", "file of the body"
     if name in _KEPT:
         return QUANTITIES[name].unit, QUANTITIES[name].meaning
     return "1", "copied from the bodies"

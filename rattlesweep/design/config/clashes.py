@@ -9,6 +9,7 @@ from rattlesweep.design.config.schema import (
     Base,
     Config,
     GridSource,
+    MeshSource,
     PresetSource,
     SdSource,
     ShapeSource,
@@ -83,6 +84,8 @@ def _launches(config: Config) -> Iterator[Clash]:
         lengths += [len(spin.n_i), len(spin.omega_xy0)]
     if isinstance(config.bodies, SdSource) and config.bodies.target:
         lengths.append(len(config.bodies.target.values))
+    if isinstance(config.bodies, MeshSource):
+        lengths.append(len(config.bodies.path))
     cases = math.prod(lengths)
     if cases > MAX_CASES:
         yield "spin", f"the lists make {cases} cases; at most {MAX_CASES} are possible"
@@ -202,6 +205,10 @@ def _body_clashes(config: Config) -> Iterator[Clash]:
     bodies = config.bodies
     if isinstance(bodies, ShapeSource):
         yield from _shape(bodies)
+        return
+    if isinstance(bodies, MeshSource):
+        if (bodies.mass is None) == (bodies.density is None):
+            yield "bodies.mass", "give mass or density, and not both"
         return
     yield from _constants(bodies)
     if isinstance(bodies, PresetSource):

@@ -489,14 +489,56 @@ class ShapeSource(Base):
         return [name for name, (low, high) in self.sizes.items() if low < high]
 
 
+def _point_masses(value: object) -> object:
+    """Refuse point masses without a unit; the places have the unit of the mesh."""
+    if isinstance(value, list):
+        for point in value:
+            if not (isinstance(point, list) and len(point) == 2):
+                raise ValueError(
+                    "is no point [mass, [x, y, z]], as [7.5 g, [45, -9, 0]]"
+                )
+    return value
+
+
+Density = Annotated[float, quantity_or(Positive, "density", "in kg/m^3")]
+Part = float | str | list[float | str]
+MeshPoint = list[Part]  # mass and place, which `physics.mesh.reading` checks
+
+
+class MeshSource(Base):
+    """Bodies of closed meshes, a case each."""
+
+    texts = ("path", "unit")
+
+    source: Literal["mesh"] = key(..., "Closed meshes, as for a 3D printer.")
+    path: Several[Annotated[str, Field(**PATH)]] = key(
+        ..., "STL, OBJ, PLY or 3MF files; a case each."
+    )
+    unit: str = key("mm", "Unit of the files.")
+    mass: Mass | None = key(None, "Weighed mass, without the points.")
+    density: Density | None = key(None, "Density, instead of the mass.")
+    points: Annotated[list[MeshPoint], BeforeValidator(_point_masses)] = key(
+        list, "Point masses [mass, [x, y, z]], at places in the unit of the mesh."
+    )
+    up: Three[float] | None = key(
+        None, "Direction that is up, roughly; none: that of the flat side, or z."
+    )
+
+    bottom: ClassVar[str] = "ellipsoid"
+    has_size: ClassVar[bool] = True
+
+
 SOURCES: dict[str, type[Base]] = {
     "sd": SdSource,
     "preset": PresetSource,
     "table": TableSource,
     "grid": GridSource,
     "shape": ShapeSource,
+    "mesh": MeshSource,
 }
-AnySource = SdSource | PresetSource | TableSource | GridSource | ShapeSource
+AnySource = (
+    SdSource | PresetSource | TableSource | GridSource | ShapeSource | MeshSource
+)
 
 InitialSpin = Annotated[
     float,
