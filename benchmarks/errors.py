@@ -33,9 +33,9 @@ from machine import ROOT, all_runs, heading, in_turns, plan_of
 from rattlesweep.arrays import take
 from rattlesweep.design.config.read import parse_config
 from rattlesweep.design.config.schema import Integrator
+from rattlesweep.design.models import model_of
 from rattlesweep.design.plan import make_plan
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.store.types import classify, sure_types
@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from rattlesweep.arrays import Flags, Floats
     from rattlesweep.design.config.schema import Config
     from rattlesweep.integrate.batch import Batch, Outcome
+    from rattlesweep.integrate.model import Model
 
     Codes = NDArray[np.int8]
 
@@ -65,6 +66,12 @@ MIXES = {
 SWINGING = "swinging"
 SWINGING_RUNS = 1600
 SWINGING_SEED = 2
+# Dissipation and samples of mixes with friction, in both directions.
+FRICTION: dict[str, tuple[dict[str, list[float]], int]] = {
+    "pivoting": ({"pivot": [5e-4, 2e-3]}, 90),
+    "sliding": ({"mu": [0.1, 0.3, 1.0]}, 54),
+}
+FRICTION_SEED = 4
 SETTINGS = (
     ("dop853", 1e-5),
     ("dop853", 1e-6),
@@ -79,11 +86,13 @@ TRIED = ((0.3, 0.5, 0.7), (5, 10, 15), (8, 10.5, 12), (0.0005, 0.0007, 0.001))
 WANTED = 0.9953  # share of errors to be covered in every mix
 
 
-def integrate_at(batch: Batch, method: str, value: float, **options: Any) -> Outcome:
+def integrate_at(
+    batch: Batch, model: Model, method: str, value: float, **options: Any
+) -> Outcome:
     """Integrate with a tolerance or a step."""
     tableau = METHODS[method]
     options["tol" if tableau.adaptive else "dt"] = value
-    return integrate(batch, tableau, FULL, threads=1, **options)
+    return integrate(batch, tableau, model, threads=1, **options)
 
 
 def codes_of(outcome: Outcome, config: Config) -> Codes:
@@ -105,6 +114,10 @@ class Mix:
     doubt: Floats  # relative uncertainty of the truth
     true_codes: Codes
 
+    @property
+    def model(self) -> Model:
+        return model_of(self.config)
+
     def off(self, t_r: Floats) -> Floats:
         """Return relative errors; 1 where a run should not have reversed."""
         errors = np.abs(t_r / self.true - 1.0) + self.doubt
@@ -116,6 +129,8 @@ def draw(name: str, share: float) -> tuple[Batch, Config, NDArray[np.int64]]:
     """Return the runs of a mix that have a horizon, with their keys."""
     if name == SWINGING:
         plan = _swinging_plan(int(SWINGING_RUNS * share))
+    elif name in FRICTION:
+        plan = _friction_plan(name, share)
     else:
         config, count = MIXES[name]
         plan = plan_of(config, f"bodies.samples={int(count * share)}")
@@ -135,11 +150,24 @@ def _swinging_plan(size: int) -> Any:
         return make_plan(parse_config({"bodies": bodies, "horizon": horizon}))
 
 
+def _friction_plan(name: str, share: float) -> Any:
+    losses, count = FRICTION[name]
+    config = {
+        "seed": FRICTION_SEED,
+        "bodies": {"source": "sd", "samples": int(count * share)},
+        "dissipation": losses,
+        "spin": {"n_i": [0.1, 0.3, 0.5, -0.1, -0.3], "omega_xy0": [0.01, 0.1]},
+        "horizon": {"t_rgh": 5, "t": 2000},
+    }
+    return make_plan(parse_config(config))
+
+
 def prepare(name: str, share: float, most_exact: int) -> Mix:
     """Return a mix with true times, of the least certain runs in 32 digits."""
     batch, config, keys = draw(name, share)
-    best = integrate_at(batch, "verner98", 1e-14)
-    second = integrate_at(batch, "dop853", 1e-13)
+    model = model_of(config)
+    best = integrate_at(batch, model, "verner98", 1e-14)
+    second = integrate_at(batch, model, "dop853", 1e-13)
     difference = np.abs(second.t_r / best.t_r - 1.0)
     difference[np.isfinite(best.t_r) != np.isfinite(second.t_r)] = 1.0
     doubt = np.where(difference > 1e-9, difference, 0.0)
@@ -176,13 +204,16 @@ class Pair:
         return error.companion_setting(self.config, self.value)
 
     def integrate_runs(self) -> Outcome:
-        return integrate_at(self.mix.batch, self.method, self.value)
+        mix = self.mix
+        return integrate_at(mix.batch, mix.model, self.method, self.value)
 
     def integrate_companions(self) -> Outcome:
-        batch = self.mix.batch
-        longest = error.longest_companion_steps(batch, FULL)
+        mix = self.mix
+        longest = error.longest_companion_steps(mix.batch, mix.model)
         setting = self.companion_setting
-        return integrate_at(batch, self.method, setting, longest_step=longest)
+        return integrate_at(
+            mix.batch, mix.model, self.method, setting, longest_step=longest
+        )
 
     @cached_property
     def runs(self) -> Outcome:
@@ -331,7 +362,7 @@ def worst(count: int, share: float) -> None:
     "--mix",
     "names",
     multiple=True,
-    type=click.Choice([*MIXES, SWINGING]),
+    type=click.Choice([*MIXES, SWINGING, *FRICTION]),
     help="Only these.",
 )
 def main(
@@ -358,7 +389,9 @@ def main(
     pairs = []
     for name in chosen:
         mix = prepare(name, share, most)
-        for method, value in SETTINGS[: 4 if fit else None]:
+        # The fixed steps of the last method cannot follow slides.
+        most = 4 if fit or name in FRICTION else None
+        for method, value in SETTINGS[:most]:
             pairs.append(Pair(mix, method, value))
             click.echo(row(pairs[-1]))
     if fit:

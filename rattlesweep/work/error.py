@@ -57,6 +57,8 @@ from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.integrate.task import Control
 from rattlesweep.physics import full
 
+TIGHTEST = 1e-14  # tolerance below which rounding dominates the error of a step
+
 
 class ErrorFit(NamedTuple):
     """Constants of the estimate."""
@@ -67,6 +69,7 @@ class ErrorFit(NamedTuple):
     share: float = 0.0007
     power: float = 1.0
     looser: float = 2e3  # ratio of the companion's tolerance to the run's
+    tightest: float = TIGHTEST  # tolerance below which the floor does not fall
 
 
 FITS = {
@@ -88,11 +91,16 @@ LAW_FITS: dict[str, ErrorFit | None] = {
     # Kinks lower the order of all methods, so a companion must be nearly as accurate as
     # the run.
     "rolling": ErrorFit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0),
+    # Zeros and rests of the spin split the motion into smooth parts, but a zero that
+    # only one of two runs has changes what follows.
+    "pivoting": ErrorFit(slope=6.0, power=0.8, looser=100.0),
 }
+# Constants for a foot that slides, without a law or with a viscous couple.  The begin
+# of a slide is known to a few 1e-12 at any tolerance.
+SLIDING_FIT = ErrorFit(slope=8.0, looser=300.0, tightest=3.5e-12)
 
 LEAST_LOOSER = 10.0  # smallest ratio of the companion's tolerance to the run's
 LOOSEST = 1e-5  # largest tolerance of a companion; at larger ones most runs part
-TIGHTEST = 1e-14  # tolerance below which rounding dominates the error of a step
 PARTED = 0.2  # distance at which two runs have become independent
 # Minimum weight of d when the companion itself had diverged from its own companion.
 REMEMBERED = 0.1
@@ -347,7 +355,9 @@ class _Scale:
         if not tableau.adaptive:  # the errors of fixed steps are systematic
             self.ratio **= tableau.order
             tol = 0.0
-        self.common = (self.fit.floor + self.fit.near * self.ratio) * max(tol, TIGHTEST)
+        self.common = (self.fit.floor + self.fit.near * self.ratio) * max(
+            tol, self.fit.tightest
+        )
 
     def carried(self, ratio: Floats | float) -> Floats:
         """Return the part of a difference that the run has, for a ratio r of errors."""
@@ -578,9 +588,19 @@ def fit_of(config: Config) -> ErrorFit:
     law = config.dissipation.law
     for name, known in ((surface, SURFACE_FITS), (law, LAW_FITS)):
         if name is not None and name not in known:
-            raise ConfigError(
-                f"record: errors are not calibrated for {name}; leave out error and "
-                "accuracy"
-            )
+            raise _uncalibrated(name)
+    rubs = config.dissipation.slides or law == "pivoting"
+    if rubs and SURFACE_FITS[surface] is not None:
+        raise _uncalibrated(f"{surface} with mu or pivot")
+    if config.dissipation.slides and law not in (None, "viscous"):
+        raise _uncalibrated(f"mu with the law {law}")
     of_law = None if law is None else LAW_FITS[law]
+    if config.dissipation.slides:
+        of_law = of_law or SLIDING_FIT
     return of_law or SURFACE_FITS[surface] or FITS[method]
+
+
+def _uncalibrated(what: str) -> ConfigError:
+    return ConfigError(
+        f"record: errors are not calibrated for {what}; leave out error and accuracy"
+    )

@@ -90,7 +90,6 @@ def test_a_table_may_have_it():
             {"dissipation": {"mu": "table"}},
             "dissipation.mu: the table has no column mu; give a number",
         ),
-        (ROWS, {"record": ["error"]}, "record: errors of runs that slide are not"),
     ],
 )
 def test_a_bad_table_is_refused(rows, keys, message):
@@ -123,8 +122,6 @@ def test_a_bad_value_is_refused(mu, message):
         ({"model": "gh"}, "dissipation"),
         ({"record": ["volume"]}, "record"),
         ({"record": ["lyapunov"]}, "record"),
-        ({"record": ["error"]}, "record"),
-        ({"integrator": {"accuracy": {"t_r": 1e-6}}}, "record"),
         ({"integrator": {"method": "rk4"}}, "integrator.method"),
         ({"classify": {"early": True}}, "classify"),
     ],

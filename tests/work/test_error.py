@@ -24,6 +24,7 @@ from rattlesweep.design.plan import Plan
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import Batch, Outcome, integrate
 from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Control
 from rattlesweep.store.classify import classify_stored
@@ -37,7 +38,7 @@ from rattlesweep.store.types import (
     sure_types,
 )
 from rattlesweep.work import error
-from rattlesweep.work.block import columns_of, compute, run_batch
+from rattlesweep.work.block import columns_of, compute, prepare_runs, run_batch
 from rattlesweep.work.run import Shard
 
 SETS = (
@@ -267,6 +268,69 @@ def test_errors_with_kinks_and_of_ellipsoids_are_within_their_estimates(
     assert rows["t_r_error"].median() < 1e-6
 
 
+def friction_runs(losses: dict[str, Any], samples: int, seed: int) -> dict[str, Any]:
+    """Return a config of the paper's bodies in both directions, with friction."""
+    return {
+        "seed": seed,
+        "bodies": {"source": "sd", "samples": samples},
+        "dissipation": losses,
+        "spin": {"n_i": [0.1, 0.3, 0.5, -0.1, -0.3], "omega_xy0": [0.01, 0.1]},
+        "horizon": {"t_rgh": 5, "t": 2000},
+    }
+
+
+def true_and_estimated(config: dict[str, Any], tol: float) -> pd.DataFrame:
+    """Return relative errors of the runs that reverse, true and estimated."""
+    errors_too = {"integrator": {"tol": tol}, "record": ["error"]}
+    rows = rows_computed(config | errors_too)
+    true = rows_computed(config | {"integrator": {"tol": 1e-13}})
+    is_known = rows["t_r"].notna() & (true["status"] == "ok")
+    off = (rows["t_r"] / true["t_r"] - 1).abs().fillna(1.0)
+    told = rows["t_r_error"] / rows["t_r"]
+    return pd.DataFrame({"off": off, "told": told})[is_known]
+
+
+@pytest.mark.parametrize("losses", [{"pivot": 1e-3}, {"mu": 0.3}])
+def test_errors_with_pivoting_and_with_slides_are_within_their_estimates(losses):
+    config = friction_runs(losses, 2, 11)
+    errors = true_and_estimated(config | {"horizon": {"t_rgh": 5, "t": 300}}, 1e-9)
+    assert len(errors) >= 12
+    assert (errors["off"] <= errors["told"]).all()
+    assert errors["told"].median() < 1e-7
+
+
+@pytest.mark.parametrize("tol", [1e-9, 3e-11, 1e-13])
+def test_a_spin_released_from_rest_leaves_to_one_side(tol):
+    """Its search began on the wrong side of zero at the second tolerance."""
+    losses = {"pivot": [5e-4, 2e-3]}
+    config = friction_runs(losses, 90, 3) | {"integrator": {"tol": tol}}
+    plan = sweeping.plan_of(config)
+    _, batch = prepare_runs(plan, np.array([15]), np.array([10]))
+    assert batch is not None
+    outcome = run_batch(plan.config, batch)
+    assert outcome.status.tolist() == [Status.OK]
+    assert outcome.t_r == pytest.approx([232.1218947], rel=1e-8)
+    assert outcome.held_time == pytest.approx([0.152755], rel=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("losses", "samples", "tol"),
+    [
+        ({"pivot": [5e-4, 2e-3]}, 68, 1e-9),
+        ({"pivot": [5e-4, 2e-3]}, 68, 1e-6),
+        ({"mu": [0.1, 0.3, 1]}, 46, 1e-9),
+    ],
+)
+def test_errors_of_a_thousand_runs_with_friction(losses, samples, tol):
+    """Bodies of a seed that the calibration did not see."""
+    errors = true_and_estimated(friction_runs(losses, samples, 7), tol)
+    assert len(errors) > 1000
+    assert (errors["off"] <= errors["told"]).mean() >= 0.995
+    over = errors["told"] / errors["off"].clip(lower=1e-16)
+    assert over.median() < 40
+
+
 def swinging_plan(folder: Path, size: int, seed: int, integrator: Any) -> Plan:
     """Plan launches with most energy in the oscillation, and errors."""
     table = folder / "swinging.csv"
@@ -340,6 +404,23 @@ def test_every_method_has_constants_and_another_one_is_refused():
     other = config.integrator.model_copy(update={"method": "ralston4"})
     with pytest.raises(ConfigError, match="not calibrated for ralston4"):
         error.fit_of(config.model_copy(update={"integrator": other}))
+
+
+@pytest.mark.parametrize(
+    ("surface", "losses", "message"),
+    [
+        ({}, {"pivot": 1e-3, "rolling": 1e-3}, "rolling_pivoting"),
+        ({}, {"mu": 0.3, "rolling": 1e-3}, "mu with the law rolling"),
+        ({}, {"mu": 0.3, "pivot": 1e-3}, "mu with the law pivoting"),
+        ({"c": 1.0}, {"mu": 0.3}, "ellipsoid with mu or pivot"),
+        ({"c": 1.0}, {"pivot": 1e-3}, "ellipsoid with mu or pivot"),
+    ],
+)
+def test_friction_without_calibrated_errors_is_refused(surface, losses, message):
+    config = friction_runs(losses, 1, 1) | {"record": ["error"]}
+    config["bodies"] |= surface
+    with pytest.raises(ConfigError, match=f"not calibrated for {message};"):
+        error.fit_of(sweeping.plan_of(config).config)
 
 
 @pytest.mark.slow

@@ -129,7 +129,7 @@ def _dissipation(config: Config) -> Iterator[Clash]:
 
 
 def _sliding(config: Config) -> Iterator[Clash]:
-    """Refuse what is not defined where the foot slides, or not known."""
+    """Refuse what is not defined where the foot slides."""
     method = config.integrator.method
     if not METHODS[method].adaptive:
         yield (
@@ -142,12 +142,6 @@ def _sliding(config: Config) -> Iterator[Clash]:
             "record",
             "volume is not defined where the foot slides; leave it out, or "
             "dissipation.mu",
-        )
-    if "error" in config.record:
-        yield (
-            "record",
-            "errors of runs that slide are not calibrated; leave out error and "
-            "accuracy: {t_r: ...}, or dissipation.mu",
         )
 
 

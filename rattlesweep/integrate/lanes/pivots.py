@@ -41,6 +41,8 @@ TINY = 1e-290
 # the lane back at once: a share of the lever, and a spin in sqrt(g/a).
 PASSED = 1e-13
 PASSED_SPIN = 1e-15
+# Share of the spin's scale, less than its rounding errors, at which it leaves zero.
+LEAST_SPIN = 1e-18
 
 
 @njit(**INNER)
@@ -208,6 +210,12 @@ def leave_zero(lane, t):
     lane.limit1 = lane.problem.hooks.limit(lane, lane.h, y, f)
     add_hold(lane, y, f, lane.h)
     lane.ratio1, lane.lift1 = runs.contact_points(lane, lane.h, y, f)
+    if sense != 0.0:
+        # A search needs a start at which the spin is on its side; here it is a rounding
+        # error, and at the end of a rest so is its rate.
+        least = LEAST_SPIN * (abs(lane.n_launch) + lane.rate_max / lane.swing)
+        begin = lane.limit1
+        lane.limit1 = Point(begin.h, max(begin.value, least), max(begin.rate, 0.0))
     lane.h_next = lane.full_next
     lane.root = 1.0
     lane.last = 0.0
