@@ -506,7 +506,7 @@ _BODY: tuple[_Row, ...] = (
         "Density of the mesh instead of --mass, as in '1.24 g/cm^3'.",
     ),
     (
-        "--points",
+        "--mass-points",
         Kind("mass@x,y,z;...", _points),
         "Point masses in the mesh, not in --mass, with places in its unit, as in "
         "'7.5g@45,-9,0; 7.5g@-45,9,0'.",

@@ -537,6 +537,11 @@ def _flag(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
+def _flag_of_body(name: str) -> str:
+    """Return the option of a quantity of a body; --points are those of a trajectory."""
+    return _flag("mass_points" if name == "points" else name)
+
+
 def _body_of(given: Given) -> Rattleback:
     """Return the body that the options of a command describe."""
     from rattlesweep.design.bodies.making import body_from
@@ -547,6 +552,8 @@ def _body_of(given: Given) -> Rattleback:
         values["shape"] = "half_ellipsoid"
         lengths = values.pop("half_ellipsoid")
         values["length"], values["width"], values["height"] = lengths
+    if "mass_points" in values:
+        values["points"] = values.pop("mass_points")
     semi_axis = values.get("c")
     if values.keys() & {"shape", "mesh", "mass"}:
         require_unit("--c", semi_axis, "length")
@@ -557,7 +564,7 @@ def _body_of(given: Given) -> Rattleback:
     # The types of the options have refused numbers without a unit, and read the others.
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always", ConfigWarning)
-        described = body_from(values, _flag, in_si=True)
+        described = body_from(values, _flag_of_body, in_si=True)
     for doubt in doubts:
         say(f"warning: {doubt.message}")
     return described

@@ -548,7 +548,7 @@ def test_values_that_mean_nothing_exit_with_3(tmp_path):
 @pytest.mark.parametrize(
     ("loss", "truth", "push"),
     [
-        ("pivot", "50 um", "1 rpm"),
+        pytest.param("pivot", "50 um", "1 rpm", marks=pytest.mark.slow),
         # The stone slides.
         pytest.param("mu", 0.05, "20 rpm", marks=pytest.mark.slow),
     ],

@@ -41,7 +41,7 @@ def simulate(case, **integrator):
     [
         ("paraboloid", "pivoting"),
         pytest.param(("paraboloid", "rolling"), marks=pytest.mark.slow),
-        ("paraboloid", "sliding"),
+        pytest.param(("paraboloid", "sliding"), marks=pytest.mark.slow),
         pytest.param(("ellipsoid", "pivoting"), marks=pytest.mark.slow),
         pytest.param(("ellipsoid", "rolling"), marks=pytest.mark.slow),
     ],

@@ -58,7 +58,7 @@ verify c --recompute x | --recompute x: give a whole number from 0
 compare c c --allow x | --allow x: give a number from 0 to 1
 slurm c.yaml --shards 1 --mem lots | --mem lots: is not a size of memory; write it as in 4G
 fit s.yaml t.csv | body: alpha is missing; add it, or give preset, shape, mesh, mass or f_sd
-body | --alpha is missing; add it, or give --preset, --half-ellipsoid, --mass or --f-sd
+body | --alpha is missing; add it, or give --preset, --half-ellipsoid, --mesh, --mass or --f-sd
 body --preset GH --mass 60g | --mass does not go with --preset; leave one of them out
 body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 95deg | skew is 95deg; from -89.95 to 89.95 deg is allowed
 body --mass '85 gr' | --mass 85 gr: has the unit gr: it would be read as a grain; a mass is needed, such as 85 g

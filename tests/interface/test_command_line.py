@@ -56,6 +56,8 @@ COMMANDS = {
     "compare",
     "sensitivity",
     "init",
+    "film",
+    "stl",
     "fit",
 }
 

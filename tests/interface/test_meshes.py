@@ -155,7 +155,13 @@ def test_radii_that_change_with_the_range_are_told(stones, tmp_path):
     path = tmp_path / "bent.stl"
     write_stl(Solid.of(bent, solid.faces), path)
     done = call(
-        "body", "--mesh", path, "--mass", "60g", "--points", "5g@30,-5,0;5g@-30,5,0"
+        "body",
+        "--mesh",
+        path,
+        "--mass",
+        "60g",
+        "--mass-points",
+        "5g@30,-5,0;5g@-30,5,0",
     )
     assert done.exit_code == 0, done.stderr
     assert "warning: the radii change by" in done.stderr

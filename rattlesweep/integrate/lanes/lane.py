@@ -330,6 +330,7 @@ class Fields:
 
     # Spins held at zero; used by models with pivoting friction.
     spin_ends: Number  # what a zero of the spin is: SMOOTH, TURNS, HELD
+    slack: Number  # by how much the spin may be on the wrong side of zero
     t_held: Number  # begin of the first rest, -1 for none
     t_hold: Number  # begin of the last one
     held_time: Number  # time held in rests that have ended

@@ -37,12 +37,11 @@ LIMIT = int(Status.LIMIT)
 # Columns of the results of a run, after its state.
 T_HELD, HELD_TIME, PIVOT_WORK, N_COLUMNS = range(4)
 TINY = 1e-290
-# By how much a limit is passed before it counts, so that rounding errors do not take
-# the lane back at once: a share of the lever, and a spin in sqrt(g/a).
+# By what share of the lever the limit of a rest is passed before it counts, so that
+# rounding errors do not end it at once.
 PASSED = 1e-13
-PASSED_SPIN = 1e-15
-# Share of the spin's scale, less than its rounding errors, at which it leaves zero.
-LEAST_SPIN = 1e-18
+# Rounding errors of the spin, as a share of its scale.
+LEAST_SPIN = 1e-14
 
 
 @njit(**INNER)
@@ -50,6 +49,16 @@ def set_sense(lane, sense):
     """Let the torque act against a spin of this sign, or hold the spin for 0."""
     lane.constants = lane.constants[:-1] + (sense,)  # noqa: RUF005
     lane.spin_ends = HELD if sense == 0.0 else TURNS
+
+
+@njit(**INNER)
+def give_slack(lane, y):
+    """Let the spin begin on its side of zero, although it is a rounding error."""
+    n = lane.constants[-1] * lane.problem.model.spin(y)
+    # After a tap the bound of the rate is unknown until the spin has been far.
+    rate = lane.arm_rate if lane.arm > 0.0 else lane.rate_max
+    scale = abs(lane.n_launch) + rate / lane.swing
+    lane.slack = max(0.0, -n) + LEAST_SPIN * scale
 
 
 @scalar
@@ -79,7 +88,7 @@ def turn_point(lane, h, y, f):
     """Return the limit of a spin with a sign; nothing for one that is held."""
     sense = lane.constants[-1]
     model = lane.problem.model
-    value = sense * model.spin(y) + PASSED_SPIN
+    value = sense * model.spin(y) + lane.slack
     rate = sense * model.spin_rate(y, f)
     return Point(h, 1.0 if sense == 0.0 else value, rate)
 
@@ -198,6 +207,7 @@ def leave_zero(lane, t):
     else:
         sense = sense_from_zero(lane, lane.y1)
     set_sense(lane, sense)
+    give_slack(lane, lane.y1)
     if sense == 0.0:
         hold(lane, t)
     # The force jumps here, and both its values count.
@@ -210,12 +220,9 @@ def leave_zero(lane, t):
     lane.limit1 = lane.problem.hooks.limit(lane, lane.h, y, f)
     add_hold(lane, y, f, lane.h)
     lane.ratio1, lane.lift1 = runs.contact_points(lane, lane.h, y, f)
-    if sense != 0.0:
-        # A search needs a start at which the spin is on its side; here it is a rounding
-        # error, and at the end of a rest so is its rate.
-        least = LEAST_SPIN * (abs(lane.n_launch) + lane.rate_max / lane.swing)
-        begin = lane.limit1
-        lane.limit1 = Point(begin.h, max(begin.value, least), max(begin.rate, 0.0))
+    begin = lane.limit1
+    # At the end of a rest the rate of the spin is a rounding error, too.
+    lane.limit1 = Point(begin.h, begin.value, max(begin.rate, 0.0))
     lane.h_next = lane.full_next
     lane.root = 1.0
     lane.last = 0.0
