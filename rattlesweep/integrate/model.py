@@ -412,7 +412,7 @@ VECTORS = Model(
 
 @scalar
 def _vectors_parts(y, constants):
-    """Return what `pivoting.pivoting_parts` does, and where the body is."""
+    """Return what `pivoting.parts_of` describes, and where the body is."""
     vx, vy, vz, a, b, c = y[:6]
     shape = constants[3:7]
     sigma = constants[7]
@@ -875,10 +875,38 @@ UNSEEN = {
 """Formulas of models whose single steps nobody looks at."""
 
 
-@scalar
-def _sliding_track(placed, slip, heading):
-    _, u, omega, r, w, _, _, _ = placed
-    return sliding.track(u, omega, r, w, slip.speed, slip.angle, heading)
+def _with_extra(plain: Model, n_extra: int, rhs: Formula, slid_extra: Formula) -> Model:
+    """Return a model with further components of the state, for single steps.
+
+    ``slid_extra(y, slip, placed)`` are their rates while the body slides.
+    """
+    n = plain.n_state
+    slide = plain.slide
+    if slide is not None:
+        plain_place = slide.place
+        plain_derivative = slide.derivative
+
+        @scalar
+        def place(y, creep, constants):
+            return plain_place(y[:n], creep, constants)
+
+        @scalar
+        def derivative(y, slip, placed, omega_rate, normal):
+            f = plain_derivative(y[:n], slip, placed, omega_rate, normal)
+            return f + slid_extra(y, slip, placed)
+
+        slide = replace(slide, place=place, derivative=derivative)
+    return replace(
+        plain,
+        name=f"{plain.name}_attitude",
+        n_state=n + n_extra,
+        n_probe=0,
+        n_extra=n_extra,
+        n_carried=0,
+        rhs=rhs,
+        slide=slide,
+        **UNSEEN,
+    )
 
 
 def _with_attitude(plain: Model) -> Model:
@@ -897,32 +925,12 @@ def _with_attitude(plain: Model) -> Model:
         contact = touch(p, q, a, b, c, f[0], f[1], m, *constants[3:last])
         return f + full.track(p, q, a, b, c, y[n], *contact)
 
-    slide = plain.slide
-    if slide is not None:
-        plain_place = slide.place
-        plain_derivative = slide.derivative
+    @scalar
+    def slid_track(y, slip, placed):
+        _, u, omega, r, w, _, _, _ = placed
+        return sliding.track(u, omega, r, w, slip.speed, slip.angle, y[n])
 
-        @scalar
-        def place(y, creep, constants):
-            return plain_place(y[:n], creep, constants)
-
-        @scalar
-        def derivative(y, slip, placed, omega_rate, normal):
-            f = plain_derivative(y[:n], slip, placed, omega_rate, normal)
-            return f + _sliding_track(placed, slip, y[n])
-
-        slide = replace(slide, place=place, derivative=derivative)
-    return replace(
-        plain,
-        name=f"{plain.name}_attitude",
-        n_state=n + full.N_EXTRA,
-        n_probe=0,
-        n_extra=full.N_EXTRA,
-        n_carried=0,
-        rhs=rhs,
-        slide=slide,
-        **UNSEEN,
-    )
+    return _with_extra(plain, full.N_EXTRA, rhs, slid_track)
 
 
 # In any position no heading is defined, so single steps add the rotation and the path
@@ -943,40 +951,20 @@ def _with_rotation(plain: Model) -> Model:
         velocity = vectors.rolled(vectors.unit(vx, vy, vz), omega, constants[3:7])
         return f + vectors.carried_on(y[n:after_rotation], omega, velocity)
 
-    slide = plain.slide
-    if slide is not None:
-        plain_place = slide.place
-        plain_derivative = slide.derivative
+    @scalar
+    def slid_path(y, slip, placed):
+        _, u, omega, r, w, _, _, _ = placed
+        x, y_, z = sliding.cross(r, omega)
+        wx, wy, wz = w
+        ex, ey, ez = sliding.direction(u, slip.angle)
+        velocity = (
+            x - wx + slip.speed * ex,
+            y_ - wy + slip.speed * ey,
+            z - wz + slip.speed * ez,
+        )
+        return vectors.carried_on(y[n:after_rotation], omega, velocity)
 
-        @scalar
-        def place(y, creep, constants):
-            return plain_place(y[:n], creep, constants)
-
-        @scalar
-        def derivative(y, slip, placed, omega_rate, normal):
-            _, u, omega, r, w, _, _, _ = placed
-            x, y_, z = sliding.cross(r, omega)
-            wx, wy, wz = w
-            ex, ey, ez = sliding.direction(u, slip.angle)
-            velocity = (
-                x - wx + slip.speed * ex,
-                y_ - wy + slip.speed * ey,
-                z - wz + slip.speed * ez,
-            )
-            f = plain_derivative(y[:n], slip, placed, omega_rate, normal)
-            return f + vectors.carried_on(y[n:after_rotation], omega, velocity)
-
-        slide = replace(slide, place=place, derivative=derivative)
-    return replace(
-        plain,
-        name=f"{plain.name}_attitude",
-        n_state=n + vectors.N_EXTRA,
-        n_probe=0,
-        n_extra=vectors.N_EXTRA,
-        rhs=rhs,
-        slide=slide,
-        **UNSEEN,
-    )
+    return _with_extra(plain, vectors.N_EXTRA, rhs, slid_path)
 
 
 ATTITUDES = {

@@ -13,7 +13,9 @@ law in each point of a circular patch under Hertz's pressure, with the radius ``
 """
 
 # mypy: disable-error-code="no-untyped-def"
+from collections.abc import Callable
 from math import asin, pi, sqrt
+from typing import Any
 
 from rattlesweep.physics.full import acceleration, scalar, slope_rate
 from rattlesweep.physics.stone import dot, rolling_couples, solve_again, triple
@@ -59,12 +61,12 @@ def sliding_drag(u, n, lever, creep):
 
 
 @scalar
-def torque_at(u, omega, r, rates, normal, j, lever, sense):
-    """Return the torque along ``u``, and the normal force with it.
+def with_torque(u, omega, rates, normal, j, lift, lever, sense):
+    """Return ``domega/dt`` with the torque along ``u``, it, and the normal force.
 
-    ``rates`` and ``normal`` are those without the torque, ``j = J^-1 u``.
+    ``rates`` and ``normal`` are those without the torque; it changes them by ``j`` and
+    ``lift`` per unit.
     """
-    lift = triple(u, r, j)
     if sense == 0.0:
         # The spin rests: its rate is u . domega/dt.
         above = -(dot(u, rates) + RETURN * dot(u, omega))
@@ -73,7 +75,10 @@ def torque_at(u, omega, r, rates, normal, j, lever, sense):
         above = -lever * sense * (0.5 * (normal + abs(normal)))
         below = 1.0 + lever * sense * lift
     torque = above / below
-    return torque, normal + torque * lift
+    da, db, dc = rates
+    jx, jy, jz = j
+    changed = da + torque * jx, db + torque * jy, dc + torque * jz
+    return changed, torque, normal + torque * lift
 
 
 @scalar
@@ -98,100 +103,82 @@ def normal_of(u, omega, r, w, rates):
 
 
 @scalar
-def pivoting(u, omega, r, w, rates, solved, lever, sense):
-    """Return ``domega/dt`` with the torque of pivoting, it, and the normal force."""
+def pivoting(u, omega, r, w, rates, solved, loss):
+    """Return what :func:`with_torque` does, and the power of rolling resistance: 0."""
+    _, _, _, lever, sense = loss
     normal = normal_of(u, omega, r, w, rates)
-    j = jx, jy, jz = solve_again(r, u, solved)
-    torque, normal = torque_at(u, omega, r, rates, normal, j, lever, sense)
-    da, db, dc = rates
-    changed = da + torque * jx, db + torque * jy, dc + torque * jz
-    return changed, torque, normal
+    j = solve_again(r, u, solved)
+    lift = triple(u, r, j)
+    changed, torque, normal = with_torque(
+        u, omega, rates, normal, j, lift, lever, sense
+    )
+    return changed, torque, normal, 0.0
 
 
 @scalar
 def rolling_and_pivoting(u, omega, r, w, rates, solved, loss):
-    """Return what :func:`pivoting` does, and the power of the rolling resistance.
+    """Return what :func:`pivoting` does, with rolling resistance.
 
     The resistance and the torque both depend on the normal force, and change it.
     """
     _, _, _, lever, sense = loss
     normal = normal_of(u, omega, r, w, rates)
     _, drag = rolling_couples(u, omega, loss[:3], 0.0)
-    roll = solve_again(r, drag, solved)
+    roll = a1, b1, c1 = solve_again(r, drag, solved)
     # With the resistance: the normal force and the rates it causes.
     kept = 1.0 - triple(u, r, roll)
     normal = normal / kept
     normal = 0.5 * (normal + abs(normal))
-    a1, b1, c1 = roll
     da, db, dc = rates
     rates = da + normal * a1, db + normal * b1, dc + normal * c1
     # The torque lifts the body, which changes the resistance.
     j = jx, jy, jz = solve_again(r, u, solved)
     lift = triple(u, r, j) / kept
     j = jx + lift * a1, jy + lift * b1, jz + lift * c1
-    if sense == 0.0:
-        above = -(dot(u, rates) + RETURN * dot(u, omega))
-        below = dot(u, j)
-    else:
-        above = -lever * sense * normal
-        below = 1.0 + lever * sense * lift
-    torque = above / below
-    normal = normal + torque * lift
-    jx, jy, jz = j
-    da, db, dc = rates
-    changed = da + torque * jx, db + torque * jy, dc + torque * jz
+    changed, torque, normal = with_torque(
+        u, omega, rates, normal, j, lift, lever, sense
+    )
     return changed, torque, normal, normal * dot(drag, omega)
 
 
-@scalar
-def pivoting_parts(contact, y, inertia, shape, loss):
-    """Return rates of the position, ``domega/dt``, torque, normal force and power.
+def parts_of(law: Callable[..., Any]) -> Callable[..., Any]:
+    """Return ``parts(contact, y, inertia, shape, loss)`` of a law such as `pivoting`.
 
-    The power is that of the other friction.
+    They are the rates of the position, ``domega/dt``, the torque, the normal force, the
+    power of the other friction, and the spin.
     """
-    sigma, _, _, lever, sense = loss
-    _, _, a, b, c = y[:5]
-    couple = -sigma * a, -sigma * b, -sigma * c
-    place, u, omega, r, w, rates, solved = _smooth_parts(
-        contact, y, inertia, shape, couple
-    )
-    changed, torque, normal = pivoting(u, omega, r, w, rates, solved, lever, sense)
-    return place, changed, torque, normal, dot(couple, omega), dot(u, omega)
+
+    @scalar
+    def parts(contact, y, inertia, shape, loss):
+        sigma = loss[0]
+        _, _, a, b, c = y[:5]
+        couple = -sigma * a, -sigma * b, -sigma * c
+        place, u, omega, r, w, rates, solved = _smooth_parts(
+            contact, y, inertia, shape, couple
+        )
+        changed, torque, normal, rolled = law(u, omega, r, w, rates, solved, loss)
+        power = dot(couple, omega) + rolled
+        return place, changed, torque, normal, power, dot(u, omega)
+
+    formula: Callable[..., Any] = parts
+    return formula
 
 
-@scalar
-def rolling_parts(contact, y, inertia, shape, loss):
-    """Return what :func:`pivoting_parts` does, with rolling resistance."""
-    sigma = loss[0]
-    _, _, a, b, c = y[:5]
-    couple = -sigma * a, -sigma * b, -sigma * c
-    place, u, omega, r, w, rates, solved = _smooth_parts(
-        contact, y, inertia, shape, couple
-    )
-    changed, torque, normal, rolled = rolling_and_pivoting(
-        u, omega, r, w, rates, solved, loss
-    )
-    return place, changed, torque, normal, dot(couple, omega) + rolled, dot(u, omega)
-
-
-@scalar
-def pivoting_rhs(contact, y, inertia, shape, loss):
+def rhs_of(parts: Callable[..., Any]) -> Callable[..., Any]:
     """Return the derivative of the state, the work and the work of pivoting."""
-    place, changed, torque, _, power, n = pivoting_parts(
-        contact, y, inertia, shape, loss
-    )
-    taken = torque * n
-    return place + changed + (power + taken, taken)
+
+    @scalar
+    def rhs(contact, y, inertia, shape, loss):
+        place, changed, torque, _, power, n = parts(contact, y, inertia, shape, loss)
+        taken = torque * n
+        return place + changed + (power + taken, taken)
+
+    formula: Callable[..., Any] = rhs
+    return formula
 
 
-@scalar
-def rolling_pivoting_rhs(contact, y, inertia, shape, loss):
-    """Return what :func:`pivoting_rhs` does, with rolling resistance."""
-    place, changed, torque, _, power, n = rolling_parts(
-        contact, y, inertia, shape, loss
-    )
-    taken = torque * n
-    return place + changed + (power + taken, taken)
+pivoting_parts = parts_of(pivoting)
+rolling_parts = parts_of(rolling_and_pivoting)
 
 
 @scalar

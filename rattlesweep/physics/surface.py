@@ -73,7 +73,7 @@ class Friction:
     # rhs(contact, y, inertia, shape, loss): derivative of y, with work, if there is a
     # cheaper form than `stone.rhs_of_couples`
     rhs: Formula | None = None
-    # parts(contact, y, inertia, shape, loss): see `pivoting.pivoting_parts`; of a law
+    # parts(contact, y, inertia, shape, loss): see `pivoting.parts_of`; of a law
     # with a torque against pivoting, whose sense is a last constant
     pivot: Formula | None = None
 
@@ -129,7 +129,7 @@ PIVOTING = Friction(
     pivoting.pivoting_couples,
     (*COUPLES, "pivot"),
     in_vectors=True,
-    rhs=pivoting.pivoting_rhs,
+    rhs=pivoting.rhs_of(pivoting.pivoting_parts),
     pivot=pivoting.pivoting_parts,
 )
 ROLLING_PIVOTING = Friction(
@@ -137,7 +137,7 @@ ROLLING_PIVOTING = Friction(
     pivoting.rolling_pivoting_couples,
     (*COUPLES, "pivot"),
     in_vectors=True,
-    rhs=pivoting.rolling_pivoting_rhs,
+    rhs=pivoting.rhs_of(pivoting.rolling_parts),
     pivot=pivoting.rolling_parts,
 )
 LAWS = {law.name: law for law in (VISCOUS, ROLLING, PIVOTING, ROLLING_PIVOTING)}

@@ -5,15 +5,14 @@ kept if two tolerances agree to `ACCEPTED` in every number, which is stored with
 error.  Numbers are taken at the reversal, if there is one, and at the horizon.
 """
 
-import json
 import math
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import oracle
 import pivot_oracle
+from make_slide_cases import keep
 from slide_oracle import Body
 
 SEED = 46
@@ -169,16 +168,5 @@ def judged(case):
     return case | {"result": fine, "error": error}
 
 
-def main(path):
-    cases = every()
-    kept = []
-    with ProcessPoolExecutor(2) as pool:
-        for case in pool.map(judged, cases):
-            if case is not None:
-                kept.append(case)
-    path.write_text(json.dumps(kept, indent=1) + "\n")
-    print(f"{len(kept)} of {len(cases)} runs kept", file=sys.stderr)
-
-
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    keep(Path(sys.argv[1]), every(), judged)

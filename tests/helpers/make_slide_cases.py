@@ -113,11 +113,11 @@ def judged(case):
     return case | {"result": fine, "error": errors}
 
 
-def main(path):
-    every = list(cases())
+def keep(path, every, judge):
+    """Write the cases that a judge keeps to a file, as they come."""
     kept = []
     with ProcessPoolExecutor(2) as pool:
-        for case in pool.map(judged, every):
+        for case in pool.map(judge, every):
             if case is not None:
                 kept.append(case)
                 path.write_text(json.dumps(kept, indent=1) + "\n")
@@ -125,4 +125,4 @@ def main(path):
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    keep(Path(sys.argv[1]), list(cases()), judged)

@@ -324,14 +324,20 @@ def _towards_extremum(lane: Lane) -> float:
 
 
 @njit(**INNER)
-def _start_root(lane: Lane) -> int:
-    """Start Newton's method for the zero between LO and HI, with a secant."""
+def _secant(lane: Lane) -> float:
+    """Return where the secant through both ends of the bracket is zero."""
     lo = lane.lo
     hi = lane.hi
-    lane.beyond = hi
+    return lo.h + lo.value / (lo.value - hi.value) * (hi.h - lo.h)
+
+
+@njit(**INNER)
+def _start_root(lane: Lane) -> int:
+    """Start Newton's method for the zero between LO and HI, with a secant."""
+    lane.beyond = lane.hi
     lane.mode = ROOT
     lane.tries = 0.0
-    lane.h_next = lo.h + lo.value / (lo.value - hi.value) * (hi.h - lo.h)
+    lane.h_next = _secant(lane)
     return HOLD
 
 
@@ -392,6 +398,19 @@ def may_peak(start, end, largest):  # type: ignore[no-untyped-def]
     ends = end.value if end.value > start.value else start.value
     peak = (start.rate > 0.0) & (end.rate < 0.0)
     return peak & (top + SLACK * (top - ends) > largest + FINE * abs(largest))
+
+
+@scalar
+def may_dip(start, end):  # type: ignore[no-untyped-def]
+    """Return whether a function may fall below zero between two points."""
+    below = Point(start.h, -start.value, -start.rate)
+    return may_peak(below, Point(end.h, -end.value, -end.rate), 0.0)
+
+
+@scalar
+def may_fall(start, end):  # type: ignore[no-untyped-def]
+    """Return whether a positive function may fall to zero between two points."""
+    return (end.value <= 0.0) | may_dip(start, end)
 
 
 @scalar
@@ -512,17 +531,10 @@ def mark_points(lane, k):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def may_dip(start, end):  # type: ignore[no-untyped-def]
-    """Return whether a function may fall below zero between two points."""
-    below = Point(start.h, -start.value, -start.rate)
-    return may_peak(below, Point(end.h, -end.value, -end.rate), 0.0)
-
-
-@scalar
 def may_reach(lane, k):  # type: ignore[no-untyped-def]
     """Return whether the step just tried may hold the mark ``k``."""
     start, end = mark_points(lane, k)
-    return (end.value <= 0.0) | may_dip(start, end)
+    return may_fall(start, end)
 
 
 @njit(**INNER)
@@ -533,20 +545,12 @@ def _bracket_mark(lane: Lane) -> bool:
         return False
     lane.lo, lane.hi = mark_points(lane, k)
     lane.tries = 0.0
-    if not (lane.hi.value <= 0.0 or may_dip(lane.lo, lane.hi)):
+    if not may_fall(lane.lo, lane.hi):
         # The step ends earlier than the one that was observed.
         return False
     lane.mode = PEAK
     lane.h_next = _secant(lane) if lane.hi.value <= 0.0 else _towards_extremum(lane)
     return True
-
-
-@njit(**INNER)
-def _secant(lane: Lane) -> float:
-    """Return where the secant through both ends of the bracket is zero."""
-    lo = lane.lo
-    hi = lane.hi
-    return lo.h + lo.value / (lo.value - hi.value) * (hi.h - lo.h)
 
 
 @njit(**INNER)

@@ -17,7 +17,7 @@ from math import nan
 from numba import njit
 
 from rattlesweep.integrate.lanes import runs
-from rattlesweep.integrate.lanes.events import REVERSED, may_peak
+from rattlesweep.integrate.lanes.events import REVERSED, may_fall
 from rattlesweep.integrate.lanes.lane import (
     HELD,
     INNER,
@@ -116,9 +116,8 @@ def observe_held(problem, w):
         end = hold_point(lane, lane.h, lane.y1, lane.f1)
         limit = lane.limit1
         both = product(limit, end)
-        dips = may_peak(runs.below(lane.limit0), runs.below(both), 0.0)
         is_held = lane.spin_ends == HELD
-        leaves = 1.0 if is_held & (dips | (both.value <= 0.0)) else 0.0
+        leaves = 1.0 if is_held & may_fall(lane.limit0, both) else 0.0
         value = both.value if is_held else limit.value
         rate = both.rate if is_held else limit.rate
         lane.limit1 = Point(lane.h, value, rate)

@@ -17,6 +17,7 @@ from rattlesweep.integrate.lanes.events import (
     NEVER,
     least_turn,
     may_be_far,
+    may_fall,
     may_peak,
     may_reach,
     turn_points,
@@ -318,12 +319,6 @@ def rim_point(lane, h, y, f):
     return Point(h, now, (later - now) / ahead)
 
 
-@scalar
-def below(point):
-    """Return a point of the function with a minus sign."""
-    return Point(point.h, -point.value, -point.rate)
-
-
 @njit(fastmath=FASTMATH, **INNER)
 def observe_limit(problem, w):
     """Compute the limit of the model at the end of the step tried on every lane."""
@@ -333,9 +328,7 @@ def observe_limit(problem, w):
         end = problem.hooks.limit(lane, lane.h, lane.y1, lane.f1)
         start = lane.limit0
         lane.limit1 = end
-        # It may dip below zero between two positive ends.
-        dips = may_peak(below(start), below(end), 0.0)
-        leaves = 1.0 if dips | (end.value <= 0.0) else 0.0
+        leaves = 1.0 if may_fall(start, end) else 0.0
         lane.leaves = leaves
         lane.watched += leaves
 

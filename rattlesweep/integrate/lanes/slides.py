@@ -24,7 +24,7 @@ from numba import njit
 
 from rattlesweep.integrate.collocation import radau
 from rattlesweep.integrate.lanes import pivots, runs
-from rattlesweep.integrate.lanes.events import STEP, may_peak
+from rattlesweep.integrate.lanes.events import STEP, may_dip, may_peak
 from rattlesweep.integrate.lanes.lane import (
     INNER,
     N_SLIP,
@@ -343,7 +343,7 @@ def observe(lane, contact_recorded):
     lane.amplitude = model.amplitude(y, lane.probe)
     set_limit(lane)
     limit = lane.limit1
-    dips = may_peak(runs.below(lane.limit0), runs.below(limit), 0.0)
+    dips = may_dip(lane.limit0, limit)
     lane.leaves = 1.0 if dips or not limit.value > 0.0 else 0.0
     lane.watched = lane.leaves
     if contact_recorded and may_peak(lane.lift0, lane.lift1, -lane.normal_min):
