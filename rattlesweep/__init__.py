@@ -26,13 +26,17 @@ __all__ = [
     "Rattleback",
     "Run",
     "Sweep",
+    "Trajectory",
     "__version__",
     "bondi_threshold",
     "contact_patch",
+    "draw_bodies",
     "export",
     "fit",
     "growth_rates",
+    "is_chaotic",
     "load",
+    "machine",
     "modes",
     "replay",
     "reversal_time_gh",
@@ -40,6 +44,8 @@ __all__ = [
     "simulate",
     "sweep",
     "trajectory",
+    "versions",
+    "wilson",
 ]
 
 

@@ -1,6 +1,10 @@
-"""Errors and warnings that users can act on, and text made safe for a terminal."""
+"""Errors and warnings that users can act on, the words of their messages, and text
+made safe for a terminal.
+"""
 
-from collections.abc import Iterable
+import difflib
+import json
+from collections.abc import Collection, Iterable
 
 
 def printable(text: object) -> str:
@@ -52,3 +56,40 @@ class GoneError(OutputError):
 
 class DamagedError(OutputError):
     """A file is cut short, changed, or not written by this program."""
+
+
+def describe(value: object) -> str:
+    """Return a value of a config in the words of a message."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, list):
+        return "a list"
+    if isinstance(value, dict):
+        return "a mapping"
+    return one_line(json.dumps(value, ensure_ascii=False))
+
+
+def hint(text: object, names: Iterable[str], otherwise: str) -> str:
+    """Return ``did you mean NAME?`` if a name is close to a text, else `otherwise`."""
+    known = {name.casefold(): name for name in names}
+    word = str(text)[:40].casefold()
+    near = difflib.get_close_matches(word, known, len(known) or 1)
+    if not near:
+        return otherwise
+    # Letters in another order, as in tetha, are the most frequent slip.
+    anagrams = [name for name in near if sorted(name) == sorted(word)]
+    return f"did you mean {describe(known[(anagrams or near)[0]])}?"
+
+
+def not_one_of(value: object, names: Iterable[str]) -> str:
+    """Return the message about a value that is not one of `names`."""
+    names = list(names)
+    advice = hint(value, names, "choose one of them")
+    return f"{describe(value)} is not one of {', '.join(names)}; {advice}"
+
+
+def check_names(what: str, names: Iterable[str], known: Collection[str]) -> None:
+    """Refuse names that are not known."""
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"{what}: {not_one_of(name, known)}")

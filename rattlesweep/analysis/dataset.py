@@ -13,8 +13,7 @@ import pyarrow as pa
 from rattlesweep.analysis.layout import TARGETS, SweepLayout, fill
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.design.columns import COLUMNS, define, unit_and_meaning
-from rattlesweep.design.config import not_one_of
-from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.errors import ConfigError, OutputError, not_one_of
 
 if TYPE_CHECKING:
     import xarray

@@ -17,9 +17,8 @@ from rattlesweep.analysis.where import Where, parse_where
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.design.cases import VARIES
 from rattlesweep.design.columns import floats, unit_and_meaning
-from rattlesweep.design.config import not_one_of
 from rattlesweep.design.config.schema import GridSource
-from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.errors import ConfigError, OutputError, not_one_of
 from rattlesweep.quantities import TIME
 from rattlesweep.store.decide import FEWEST, nearest
 from rattlesweep.store.rows import Stored, open_stored

@@ -1,21 +1,15 @@
-"""Self-contained HTML pages made from `templates/`, and the report of a sweep."""
+"""The report of a sweep, as a self-contained page."""
 
-import base64
 import gc
-import io
 import re
-import shlex
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
-from ruamel.yaml import YAML
 
 from rattlesweep.analysis.layout import SweepLayout, read_layout
 from rattlesweep.analysis.plots import MAPS, choose_picture, default_kind
@@ -23,6 +17,7 @@ from rattlesweep.analysis.style import encode_figure, styled
 from rattlesweep.design.columns import floats
 from rattlesweep.design.config.read import resolved
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.pages import MOST_SVG, config_yaml, data_url, embedded, render
 from rattlesweep.store.rows import Stored
 from rattlesweep.store.sessions import read_sessions
 from rattlesweep.store.status import status
@@ -34,60 +29,12 @@ from rattlesweep.store.summary import (
 )
 
 _DPI = 120
-# Bytes; larger pictures become PNG, or a page of seven would exceed 5 MB.
-MOST_SVG = 400_000
-MOST_FITTING = 480.0  # points of width of a picture that is shrunk to a narrow screen
 MOST_SESSIONS = 200
 # Pictures for telephones: inches of their width, of a row of panels, and of the rest.
 NARROW = 3.4
 NARROW_PANEL = 1.3
 NARROW_MARGIN = 1.4
 NARROW_FONT = 7.0
-
-
-def render(template: str, **values: object) -> bytes:
-    """Return a page; `values` are what its template names, among them `title`."""
-    loader = PackageLoader("rattlesweep.analysis", "templates")
-    environment = Environment(
-        loader=loader,
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"thousands": "{:,}".format, "shell": shlex.join}
-    return environment.get_template(template).render(values).encode()
-
-
-def embedded(svg: bytes, png: bytes) -> Mapping[str, object]:
-    """Return a picture as a data URL, as PNG if its SVG is too large, and its class.
-
-    A wide picture scrolls on a narrow screen, where its text would be too small to
-    read, unless there is a narrow one to take its place.
-    """
-    width = re.search(rb'<svg[^>]* width="([\d.]+)pt"', svg)
-    is_wide = width is not None and float(width[1]) > MOST_FITTING
-    return {"url": _data_url(svg, png), "wide": is_wide, "narrow": None}
-
-
-def _data_url(svg: bytes, png: bytes) -> str:
-    kind = "svg+xml"
-    data = svg
-    if len(svg) > MOST_SVG:
-        kind = "png"
-        data = png
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
-
-
-def config_yaml(config: Mapping[str, object]) -> str:
-    """Return a resolved config as YAML, with innermost mappings and lists in a line."""
-    yaml: Any = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = None
-    yaml.sort_base_mapping_type_on_output = False
-    yaml.width = 96
-    buffer = io.StringIO()
-    yaml.dump(config, buffer)
-    return buffer.getvalue()
 
 
 def make_report(directory: Path, title: str | None = None) -> bytes:
@@ -194,7 +141,7 @@ def _shown(layout: SweepLayout, kind: str) -> Mapping[str, object]:
             if image["wide"]:
                 height = NARROW_MARGIN + NARROW_PANEL * len(picture.down)
                 narrow = picture.figure(caption=False, size=(NARROW, height))
-                image["narrow"] = _data_url(*_encoded(narrow))
+                image["narrow"] = data_url(*_encoded(narrow))
     except (ConfigError, OutputError) as error:
         return {"kind": kind, "error": error}
     finally:

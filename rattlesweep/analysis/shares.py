@@ -12,8 +12,9 @@ from rattlesweep.analysis.layout import SweepLayout
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.design.columns import floats
 from rattlesweep.errors import OutputError
+from rattlesweep.intervals import wilson
 from rattlesweep.store.decide import nearest_rows
-from rattlesweep.store.types import CODE_DEAD, TYPES, codes, wilson
+from rattlesweep.store.types import CODE_DEAD, TYPES, codes
 
 _BINS = 10
 MOST_OF_AXIS = 50  # values of an axis that are never put together

@@ -21,14 +21,27 @@ from rattlesweep.api.arrays import (
     numbers,
 )
 from rattlesweep.api.contact import contact_patch
+from rattlesweep.api.drawn import draw_bodies
 from rattlesweep.api.exports import export
-from rattlesweep.api.single import Page, Run, fit, replay, show, simulate, trajectory
+from rattlesweep.api.single import (
+    Page,
+    Run,
+    Trajectory,
+    fit,
+    replay,
+    show,
+    simulate,
+    trajectory,
+)
 from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.intervals import wilson
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.physics.chaos import is_chaotic
 from rattlesweep.physics.theory import Modes, direction, garcia_hubbard
+from rattlesweep.store.provenance import machine, versions
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -43,12 +56,16 @@ __all__ = [
     "Rattleback",
     "Run",
     "Sweep",
+    "Trajectory",
     "bondi_threshold",
     "contact_patch",
+    "draw_bodies",
     "export",
     "fit",
     "growth_rates",
+    "is_chaotic",
     "load",
+    "machine",
     "modes",
     "replay",
     "reversal_time_gh",
@@ -56,6 +73,8 @@ __all__ = [
     "simulate",
     "sweep",
     "trajectory",
+    "versions",
+    "wilson",
 ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
@@ -247,15 +247,6 @@ def check_count(name: str, value: object, least: int = 1) -> None:
         raise ConfigError(f"{name}: {kind_of(value)} is given; {needed}")
     if not least <= int(value) < 2**63:
         raise ConfigError(f"{name}: {one_line(str(value), 30)} is given; {needed}")
-
-
-def check_names(what: str, names: Iterable[str], known: Collection[str]) -> None:
-    """Refuse names that are not known."""
-    from rattlesweep.design.config import not_one_of
-
-    for name in names:
-        if name not in known:
-            raise ConfigError(f"{what}: {not_one_of(name, known)}")
 
 
 def names_of(what: str, value: object) -> list[str]:

@@ -121,7 +121,7 @@ def _pair(materials: object) -> tuple[Material, Material]:
 
 def _material(value: object) -> Material:
     """Return a material by its name or its constants, or raise a ValueError."""
-    from rattlesweep.design.config import not_one_of
+    from rattlesweep.errors import not_one_of
 
     if isinstance(value, Material):
         value = {"E": value.E, "nu": value.nu}

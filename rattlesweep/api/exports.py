@@ -74,7 +74,7 @@ def export_run(
     """Return the text of an export and its case; write the text if there is a path."""
     from rattlesweep.analysis.engines.case import make_case
     from rattlesweep.analysis.engines.mjcf import check_model, to_mjcf
-    from rattlesweep.design.config import not_one_of
+    from rattlesweep.errors import not_one_of
     from rattlesweep.files import as_path, replace_file
 
     if format not in EXPORT_FORMATS:

@@ -17,7 +17,7 @@ import numpy as np
 from rattlesweep.api import arrays as arguments
 from rattlesweep.api.arrays import BodiesLike, check_count, numbers, one_number
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError, ConfigWarning
+from rattlesweep.errors import ConfigError, ConfigWarning, check_names
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.quantities import INITIAL_RATES, LOSSES
 from rattlesweep.text import Bar, counted
@@ -63,7 +63,7 @@ class Run(SimpleNamespace):
     """Outcome of one run: an attribute for each column of ``runs``, and `units`."""
 
     def __getitem__(self, name: str) -> Any:
-        arguments.check_names("columns", [name], vars(self))
+        check_names("columns", [name], vars(self))
         return getattr(self, name)
 
     def __repr__(self) -> str:
@@ -116,7 +116,7 @@ class Trajectory:
         names = None
         if channels is not None:
             names = arguments.names_of("channels", channels)
-        arguments.check_names("arguments", rows, ROWS)
+        check_names("arguments", rows, ROWS)
         chosen_rows = rows_of(run.units, **rows)
         self.section: pd.DataFrame | None = None
         if section is None:
@@ -165,7 +165,7 @@ class Trajectory:
 
     def show(self, *, title: str | None = None, **shown: Any) -> Page:
         """Make a page of this run with the arguments of ``show``."""
-        arguments.check_names("arguments", shown, SHOWN)
+        check_names("arguments", shown, SHOWN)
         return page_of(self._course.run, title, **shown)[0]
 
     def plot(self, path: str | Path | None = None) -> Figure:
@@ -298,7 +298,7 @@ def simulate(
     from rattlesweep.integrate.compile import listening
     from rattlesweep.work.run import integrate_plan
 
-    arguments.check_names(
+    check_names(
         "arguments", settings, (*LAUNCH_ARGUMENTS, "record", "threads", "progress")
     )
     integrator = {name: settings[name] for name in INTEGRATOR if name in settings}
@@ -636,8 +636,8 @@ def _to_fit(
     launch = launch or {}
     if not isinstance(launch, Mapping):
         raise ConfigError(f"launch: {arguments.kind_of(launch)} is not a mapping")
-    arguments.check_names("launch", launch, (*INITIAL_RATES, "psi", "omega", "u"))
-    arguments.check_names("arguments", losses, LOSSES)
+    check_names("launch", launch, (*INITIAL_RATES, "psi", "omega", "u"))
+    check_names("arguments", losses, LOSSES)
     if isinstance(body, Mapping):
         body = measured_body(body)
     if not isinstance(body, MeasuredBody):
@@ -725,7 +725,7 @@ def launch_of(
     from rattlesweep.design.single import Launch
 
     stone = arguments.one_body(body)
-    arguments.check_names("arguments", values, (*LAUNCH_ARGUMENTS, "e_p0", "e_r0"))
+    check_names("arguments", values, (*LAUNCH_ARGUMENTS, "e_p0", "e_r0"))
     present = {name: value for name, value in values.items() if value is not None}
     integrator = {name: present.pop(name) for name in INTEGRATOR if name in present}
     single: dict[str, Any] = {

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from rattlesweep.api import arrays as arguments
 from rattlesweep.api.arrays import (
     check_count,
-    check_names,
     is_table,
     names_of,
     to_frame,
@@ -25,7 +24,7 @@ from rattlesweep.api.single import (
     prepare_stored,
     replay,
 )
-from rattlesweep.errors import ConfigError, ConfigWarning
+from rattlesweep.errors import ConfigError, ConfigWarning, check_names
 from rattlesweep.text import Bar
 
 if TYPE_CHECKING:
@@ -326,8 +325,8 @@ class Sweep:
 
 def _misplaced(key: str) -> str:
     """Return why an argument of :func:`sweep` is refused beside a config."""
-    from rattlesweep.design.config import hint
     from rattlesweep.design.config.schema import Config
+    from rattlesweep.errors import hint
 
     if key in Config.model_fields:
         return "keys go with a DataFrame only; write it into the config"

@@ -138,7 +138,7 @@ class Results(Protocol):
 
     @property
     def chaotic(self) -> pa.Array:
-        """Whether differences grew by more than `types.LEAST_GROWTH` in that half."""
+        """Whether differences grew by more than `chaos.LEAST_GROWTH` in that half."""
 
     @property
     def lyapunov_spectrum(self) -> pa.Array:

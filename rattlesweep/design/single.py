@@ -8,11 +8,10 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.design.bodies.table import TableBodies
-from rattlesweep.design.config import not_one_of
 from rattlesweep.design.config.read import parse_config
 from rattlesweep.design.config.schema import DIRECTIONS, TableSource
 from rattlesweep.design.plan import Plan, make_plan
-from rattlesweep.errors import ConfigError
+from rattlesweep.errors import ConfigError, not_one_of
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 

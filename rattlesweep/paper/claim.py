@@ -15,8 +15,8 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from ruamel.yaml import YAML
 
+from rattlesweep.api import wilson
 from rattlesweep.paper.workspace import Made
-from rattlesweep.store.types import wilson
 
 # Checks, each true if it holds, and numbers by name.
 Measured = tuple[Sequence[object], dict[str, Any]]

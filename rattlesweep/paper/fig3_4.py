@@ -1,24 +1,30 @@
 """Random bodies of SD: Fig. 3, frequencies (T4), and Fig. 4, coefficients (T5)."""
 
 import threading
-from functools import partial
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import ks_2samp
 
-from rattlesweep.analysis.style import BLUE, GREEN, ORANGE, SKY, VERMILION, new_figure
+from rattlesweep.api import draw_bodies
+from rattlesweep.api.style import BLUE, GREEN, ORANGE, SKY, VERMILION, new_figure
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.design.bodies.sources import bodies_at, draw_points, ranges_of
-from rattlesweep.design.config.schema import SdSource
-from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.paper.claim import Measured
 from rattlesweep.paper.workspace import Made, Tables, Workspace, records
 from rattlesweep.physics import theory
-from rattlesweep.physics.body import shell_dumbbell
+from rattlesweep.physics.body import PARAMETERS, shell_dumbbell
 
+# Ranges of the random bodies SD (Table I).
+TABLE_I = {
+    "gamma": (5.0, 15.0),
+    "f_sd": (0.05, 0.15),
+    "theta": (0.6, 0.95),
+    "phi": (0.01, 0.1),
+    "minus_xi_deg": (0.0, 6.0),
+}
+_SEED = 2017
 LEVELS = 2001  # points of a cumulative distribution
 _CHUNK = 100_000  # bodies counted at a time
 # The paper's lower bound of omega_p/omega_r (Methods), and its colour code of nine
@@ -36,10 +42,8 @@ MUCH = 10.0  # ratio that counts as "much larger"
 
 def drawn_bodies(first: int, last: int) -> tuple[Floats, ...]:
     """Return ``alpha, beta, gamma, theta, phi, xi`` of some of the random bodies."""
-    b = bodies_at(
-        draw_points(2017, np.arange(first, last)), ranges_of(SdSource(source="sd"))
-    )
-    return b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi
+    bodies = draw_bodies(last - first, seed=_SEED, first=first, ranges=TABLE_I)
+    return tuple(bodies[name].to_numpy() for name in PARAMETERS)
 
 
 def drawn_modes(samples: int) -> theory.Modes:
@@ -83,10 +87,11 @@ def frequencies(ws: Workspace) -> Tables:
 
 def ratio_bound() -> float:
     """Return the infimum of ``omega_p / omega_r`` over the ranges of Table I."""
-    ranges = SdSource(source="sd").ranges
-    alpha, beta = shell_dumbbell(ranges.gamma[1], ranges.f_sd[0])
-    xi = -np.radians(ranges.minus_xi_deg[0])
-    modes = theory.modes(alpha, beta, ranges.theta[0], ranges.phi[1], xi)
+    alpha, beta = shell_dumbbell(TABLE_I["gamma"][1], TABLE_I["f_sd"][0])
+    xi = -np.radians(TABLE_I["minus_xi_deg"][0])
+    theta = TABLE_I["theta"][0]
+    phi = TABLE_I["phi"][1]
+    modes = theory.modes(alpha, beta, theta, phi, xi)
     return float(modes.omega_p / modes.omega_r)
 
 
@@ -176,7 +181,7 @@ def count_bodies(total: int, threads: int | None = None) -> tuple[Integers, int]
     counts = np.zeros(_BINS**2, np.int64)
     lock = threading.Lock()
 
-    def count_chunk(first: int, control: Control) -> int:
+    def count_chunk(first: int) -> int:
         alpha, beta, _, theta, phi, xi = drawn_bodies(first, min(first + _CHUNK, total))
         square_p, square_r, *pair = theory.torque_coefficients(
             alpha, beta, theta, phi, xi
@@ -191,9 +196,9 @@ def count_bodies(total: int, threads: int | None = None) -> tuple[Integers, int]
             np.add(counts, bodies_in_bins, out=counts)
         return int((np.sqrt(square_p / square_r) < BOUND).sum())
 
-    drawn_bodies(0, 0)  # compiles the sampler, if need be, in one thread
-    calls = [partial(count_chunk, first) for first in range(0, total, _CHUNK)]
-    below = sum(side_by_side(calls, threads or available_threads()))
+    drawn_bodies(0, 1)  # compiles the sampler, if need be, in one thread
+    with ThreadPoolExecutor(threads) as pool:
+        below = sum(pool.map(count_chunk, range(0, total, _CHUNK)))
     return counts.reshape(_BINS, _BINS), below
 
 

@@ -12,7 +12,8 @@ from numba import vectorize
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from rattlesweep.analysis.style import (
+from rattlesweep.api import is_chaotic, modes, reversal_time_gh, simulate
+from rattlesweep.api.style import (
     BLUE,
     THEORY,
     VERMILION,
@@ -20,7 +21,6 @@ from rattlesweep.analysis.style import (
     new_figure,
     value_text,
 )
-from rattlesweep.api import modes, reversal_time_gh, simulate
 from rattlesweep.paper.claim import Measured, every
 from rattlesweep.paper.workspace import (
     OMEGA_XY0,
@@ -35,7 +35,6 @@ from rattlesweep.paper.workspace import (
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.vectors import smooth_volume
-from rattlesweep.store.types import is_chaotic
 
 # Fig. 5(a) and (b): initial spin and duration.  The paper does not state the durations.
 SPINS_AND_TIMES = {"unsteady": (0.1, 200.0), "steady": (-0.1, 1500.0)}

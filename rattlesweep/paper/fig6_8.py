@@ -13,9 +13,10 @@ largest loss in the run.
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from scipy.special import ndtri
 
-from rattlesweep.analysis.style import GREY, SERIES, add_legend, new_figure, value_text
 from rattlesweep.api import growth_rates, modes
+from rattlesweep.api.style import GREY, SERIES, add_legend, new_figure, value_text
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.claim import Measured, every, extremes, rises
 from rattlesweep.paper.workspace import (
@@ -28,7 +29,8 @@ from rattlesweep.paper.workspace import (
     records,
 )
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.store.types import Z95
+
+Z95 = float(ndtri(0.975))  # quantile of the normal distribution for two-sided 95 %
 
 SYMBOL = 10**0.1
 # Fewest runs for a median; with less than two or four times as many it is uncertain.

@@ -9,7 +9,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rattlesweep.analysis.style import (
+from rattlesweep.api import is_chaotic, wilson
+from rattlesweep.api.style import (
     SERIES,
     TYPE_STYLE,
     add_legend,
@@ -34,7 +35,6 @@ from rattlesweep.paper.workspace import (
     thinned,
 )
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.store.types import is_chaotic, wilson
 
 POINT = ["K_r", "n_i", "omega_xy0"]
 # Types in the order of the legend.

@@ -13,9 +13,8 @@ import numpy as np
 
 from rattlesweep.api import modes
 from rattlesweep.arrays import Floats
-from rattlesweep.design.config.schema import SdRanges
 from rattlesweep.paper.claim import ROUNDING_ALLOWED, Measured, Tally, every, extremes
-from rattlesweep.paper.fig3_4 import drawn_bodies
+from rattlesweep.paper.fig3_4 import TABLE_I, drawn_bodies
 from rattlesweep.paper.workspace import Made
 from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import Rattleback, shell_dumbbell
@@ -287,7 +286,7 @@ def times_by_skew(_: Made) -> Measured:
         return np.stack([time / modes.K_p, time / modes.K_r])
 
     small = 2.0**-20
-    largest = np.radians(SdRanges().minus_xi_deg[1])
+    largest = np.radians(TABLE_I["minus_xi_deg"][1])
     slope = float(np.abs(np.log2(times(-2 * small) / times(-small)) + 1).max())
     exact = by_definition(body)
     (unsteady, in_steady) = times(xi)

@@ -4,6 +4,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from datetime import UTC, datetime
 from importlib.metadata import version
 from textwrap import shorten
 from typing import Any
@@ -11,13 +12,13 @@ from typing import Any
 import matplotlib as mpl
 import pandas as pd
 
-from rattlesweep.analysis.report import config_yaml, embedded, render
-from rattlesweep.analysis.style import FAINT, save_figure, save_table, styled
-from rattlesweep.api.arrays import check_names
+from rattlesweep.api import machine, versions
+from rattlesweep.api.style import FAINT, save_figure, save_table, styled
+from rattlesweep.errors import check_names
 from rattlesweep.files import replace_file
+from rattlesweep.pages import config_yaml, embedded, render
 from rattlesweep.paper.claim import UNDECIDED, judge, read_rows_of
 from rattlesweep.paper.workspace import FULL_SIZES, Tables, Workspace, sweep_config
-from rattlesweep.store.provenance import machine, now, versions
 
 # The name that selects the claims about formulas alone.
 _THEORY = "theory"
@@ -91,7 +92,7 @@ def reproduce(
         "paper.html.j2",
         title="Rattleback dynamics and its reversal time of rotation: recomputed",
         sections=[*sections.items()],
-        finished=now(),
+        finished=datetime.now(UTC).isoformat(timespec="seconds"),
         versions=versions() | {"matplotlib": version("matplotlib")},
         machine=machine(),
         figures=embedded_figures,

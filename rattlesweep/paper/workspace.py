@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from ruamel.yaml import YAML
 
 from rattlesweep import api
-from rattlesweep.analysis.style import BLUE, thin
-from rattlesweep.api.single import Trajectory
+from rattlesweep.api import Trajectory
+from rattlesweep.api.style import BLUE, thin
 from rattlesweep.errors import OutputError
 from rattlesweep.files import probe_directory
 from rattlesweep.physics.body import Rattleback

@@ -18,8 +18,9 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.design.cases import Design
 from rattlesweep.design.config.schema import GridSource, Stop
 from rattlesweep.errors import ConfigError
+from rattlesweep.intervals import wilson
 from rattlesweep.store.rows import CODE_FAILED, CODE_MISSING, Found, Stored
-from rattlesweep.store.types import CODE_R, TYPES, wilson
+from rattlesweep.store.types import CODE_R, TYPES
 from rattlesweep.tails import LEAST_INDEX, median_error, tail_index
 from rattlesweep.units import Setting
 

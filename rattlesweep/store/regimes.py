@@ -24,7 +24,7 @@ import numpy as np
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.names import REGIMES
-from rattlesweep.store.types import LEAST_GROWTH
+from rattlesweep.physics.chaos import LEAST_GROWTH
 
 _STEADY, PERIODIC, QUASIPERIODIC, ATTRACTOR, CONSERVATIVE, _UNDECIDED = range(
     len(REGIMES)

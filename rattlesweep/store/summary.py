@@ -19,6 +19,7 @@ from rattlesweep.design.cases import VARIES, Case
 from rattlesweep.design.columns import F64, I32, I64, TEXT
 from rattlesweep.design.results import Values
 from rattlesweep.errors import OutputError, one_line
+from rattlesweep.intervals import share
 from rattlesweep.names import REGIMES
 from rattlesweep.physics.theory import unsteady
 from rattlesweep.quantities import COUPLE_CONSTANTS, LOSSES, MEASURES, RATE, TIME
@@ -26,7 +27,7 @@ from rattlesweep.store.decide import nearest_rows
 from rattlesweep.store.parquet import read_parquet, write_parquet
 from rattlesweep.store.rows import SUMMARY, Stored
 from rattlesweep.store.skipped import estimate
-from rattlesweep.store.types import CODE_DEAD, CODE_R, TYPES, codes, share
+from rattlesweep.store.types import CODE_DEAD, CODE_R, TYPES, codes
 from rattlesweep.tails import LEAST_INDEX, tail_index
 from rattlesweep.text import align
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.design.columns import floats
@@ -19,8 +19,6 @@ from rattlesweep.design.config.schema import Classify
 
 TYPES = ("R", "SS", "SW", "unclassified", "D")
 CODE_R, CODE_SS, CODE_SW, CODE_UNCLASSIFIED, CODE_DEAD = range(5)
-LEAST_GROWTH = 10.0  # logarithm of the growth that chaos exceeds; see docs/dynamics.md
-Z95 = 1.959963984540054  # quantile of the normal distribution for two-sided 95 %
 
 
 def classify(
@@ -132,38 +130,7 @@ def _with_column(rows: pa.Table, name: str, values: pa.Array) -> pa.Table:
     return rows.set_column(place, rows.schema.field(place), values)
 
 
-def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
-    """Return whether differences grow by more than e^10 in the second half of a run."""
-    growth = np.asarray(lyapunov_late, dtype=float) * np.asarray(t_end, dtype=float) / 2
-    return np.asarray(growth > LEAST_GROWTH)
-
-
 def codes(column: pa.Array, words: Sequence[str] = TYPES) -> Integers:
     """Return the index in `words` of each entry, -1 for other words and null."""
     indices = pc.fill_null(pc.index_in(column, pa.array(words)), -1)
     return np.asarray(indices.to_numpy(zero_copy_only=False).astype(np.int64))
-
-
-def share(count: ArrayLike, whole: ArrayLike) -> Floats:
-    """Return ``count / whole``, NaN where `whole` is zero."""
-    count = np.asarray(count, float)
-    whole = np.asarray(whole, float)
-    result = np.full(count.shape, np.nan)
-    with np.errstate(over="ignore"):
-        np.divide(count, whole, out=result, where=whole > 0)
-    return result
-
-
-def wilson(count: ArrayLike, whole: ArrayLike, z: float = Z95) -> tuple[Floats, Floats]:
-    """Return the ends of the confidence interval of a share.
-
-    By Wilson, J. Am. Stat. Assoc. 22, 209 (1927).
-    """
-    p = share(count, whole)
-    weight = share(np.full(p.shape, z * z), whole)
-    centre = (p + weight / 2) / (1 + weight)
-    half = np.sqrt(weight * (p * (1 - p) + weight / 4)) / (1 + weight)
-    # Shares of 0 and 1 have exact ends, which rounding could move out of the interval.
-    low = np.where(p == 0, 0.0, centre - half)
-    high = np.where(p == 1, 1.0, centre + half)
-    return low, high

@@ -38,16 +38,11 @@ from rattlesweep.integrate.tableau import DT, METHODS, TOL
 from rattlesweep.integrate.task import Control, Task
 from rattlesweep.names import REGIMES
 from rattlesweep.physics import full, steady
+from rattlesweep.physics.chaos import is_chaotic
 from rattlesweep.physics.theory import damping_rates, unsteady
 from rattlesweep.store import regimes
 from rattlesweep.store.decide import Refining
-from rattlesweep.store.types import (
-    TYPES,
-    classify,
-    is_chaotic,
-    is_held_at_end,
-    sure_types,
-)
+from rattlesweep.store.types import TYPES, classify, is_held_at_end, sure_types
 from rattlesweep.work.error import Estimated, fit_of, integrate_estimated
 
 Prepared: TypeAlias = tuple[Launches, Batch | None]  # no batch for the closed form
@@ -411,7 +406,7 @@ class BlockResults:
 
     @property
     def chaotic(self) -> pa.Array:
-        """Whether differences grew by more than `types.LEAST_GROWTH` in that half."""
+        """Whether differences grew by more than `chaos.LEAST_GROWTH` in that half."""
         _, late = self.exponents
         largest = late.max(axis=1)
         flags = is_chaotic(largest, self.outcome.t_end)

@@ -43,6 +43,10 @@ def verdicts(made):
     return {claim["id"]: claim["verdict"] for claim in judge(made, theory=False)}
 
 
+def test_table_i_is_what_configs_draw_from_by_default():
+    assert {name: tuple(ends) for name, ends in SdRanges()} == fig3_4.TABLE_I
+
+
 def test_claims_of_fig_5_follow_the_series(ws):
     five = fig5_9.reversals(ws)
     names = ("G1", "G2", "G3")

@@ -18,12 +18,12 @@ from random_rows import SCHEMA, random_columns
 import rattlesweep as rs
 from rattlesweep.design.cases import Case
 from rattlesweep.design.columns import build_table, same_schema
+from rattlesweep.intervals import wilson
 from rattlesweep.store import rows as stored_module
 from rattlesweep.store import summary as summary_module
 from rattlesweep.store.parquet import read_parquet
 from rattlesweep.store.rows import Stored, open_stored
 from rattlesweep.store.summary import Moments, closing_table, summarise, write_summary
-from rattlesweep.store.types import wilson
 from rattlesweep.work.verify import verify
 
 CASES = (

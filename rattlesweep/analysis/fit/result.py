@@ -16,8 +16,7 @@ from rattlesweep.analysis.fit.doubts import MEANINGLESS
 from rattlesweep.analysis.fit.estimate import Estimate
 from rattlesweep.analysis.fit.problem import FITTABLE
 from rattlesweep.arrays import Floats
-from rattlesweep.design.config import not_one_of
-from rattlesweep.errors import ConfigError
+from rattlesweep.errors import ConfigError, not_one_of
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.text import align
 

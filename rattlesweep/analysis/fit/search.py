@@ -29,9 +29,8 @@ from rattlesweep.analysis.fit.scan import searches_of_times
 from rattlesweep.analysis.fit.series import FILM_STEPS, searches_of_series
 from rattlesweep.analysis.fit.starts import first_values, given, scales_of, spans
 from rattlesweep.arrays import Floats
-from rattlesweep.design.config import not_one_of
 from rattlesweep.design.single import Launch
-from rattlesweep.errors import ConfigError
+from rattlesweep.errors import ConfigError, not_one_of
 from rattlesweep.quantities import LOSSES
 from rattlesweep.text import counted
 

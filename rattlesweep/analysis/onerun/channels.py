@@ -12,8 +12,7 @@ import numpy as np
 
 from rattlesweep.analysis.derived import si_of
 from rattlesweep.arrays import Flags, Floats
-from rattlesweep.design.config import not_one_of
-from rattlesweep.errors import ConfigError
+from rattlesweep.errors import ConfigError, not_one_of
 from rattlesweep.integrate.attitude import HEADING, PLACE, QUATERNION
 from rattlesweep.integrate.lanes.lane import SLIP_ANGLE, SLIP_SPEED, SLIP_WORK
 from rattlesweep.physics import full, reduced

@@ -20,9 +20,10 @@ from rattlesweep.analysis.style import label, value_text
 from rattlesweep.arrays import Floats
 from rattlesweep.design.columns import floats
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.intervals import share
 from rattlesweep.names import REGIMES
 from rattlesweep.store.summary import Counts
-from rattlesweep.store.types import codes, share
+from rattlesweep.store.types import codes
 
 MOST_PANELS = 40
 LEAST_TITLED = 0.9  # inches of a panel that has room for a title

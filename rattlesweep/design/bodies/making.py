@@ -5,8 +5,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from inspect import signature
 
-from rattlesweep.design.config import not_one_of
-from rattlesweep.errors import ConfigError
+from rattlesweep.errors import ConfigError, not_one_of
 from rattlesweep.files import as_path
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.quantities import ANGLES

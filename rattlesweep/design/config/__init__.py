@@ -1,43 +1,11 @@
 """Configs; here: keys, their places in a file, and the words of messages about them."""
 
-import difflib
-import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rattlesweep.errors import one_line
 
 Key = tuple[str | int, ...]  # such as ("bodies", "ranges", "theta", 1)
-
-
-def describe(value: object) -> str:
-    """Return a value of a config in the words of a message."""
-    if value is None:
-        return "nothing"
-    if isinstance(value, list):
-        return "a list"
-    if isinstance(value, dict):
-        return "a mapping"
-    return one_line(json.dumps(value, ensure_ascii=False))
-
-
-def hint(text: object, names: Iterable[str], otherwise: str) -> str:
-    """Return ``did you mean NAME?`` if a name is close to a text, else `otherwise`."""
-    known = {name.casefold(): name for name in names}
-    word = str(text)[:40].casefold()
-    near = difflib.get_close_matches(word, known, len(known) or 1)
-    if not near:
-        return otherwise
-    # Letters in another order, as in tetha, are the most frequent slip.
-    anagrams = [name for name in near if sorted(name) == sorted(word)]
-    return f"did you mean {describe(known[(anagrams or near)[0]])}?"
-
-
-def not_one_of(value: object, names: Iterable[str]) -> str:
-    """Return the message about a value that is not one of `names`."""
-    names = list(names)
-    advice = hint(value, names, "choose one of them")
-    return f"{describe(value)} is not one of {', '.join(names)}; {advice}"
 
 
 def spell(key: Key) -> str:

@@ -6,8 +6,9 @@ from typing import get_args
 from pydantic import BaseModel
 from pydantic_core import ErrorDetails
 
-from rattlesweep.design.config import Key, describe, hint, not_one_of
+from rattlesweep.design.config import Key
 from rattlesweep.design.config.schema import SOURCES, Config
+from rattlesweep.errors import describe, hint, not_one_of
 from rattlesweep.units import with_point
 
 _Model = type[BaseModel]

@@ -15,11 +15,11 @@ from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rattlesweep.arrays import refuse_foreign_units, unmasked
-from rattlesweep.design.config import Key, KeyPlaces, describe, spell
+from rattlesweep.design.config import Key, KeyPlaces, spell
 from rattlesweep.design.config.clashes import clashes
 from rattlesweep.design.config.problems import key_and_sentence
 from rattlesweep.design.config.schema import Base, Config, SdSource, TableSource
-from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.errors import ConfigError, describe, one_line
 from rattlesweep.files import as_path, read_regular, reason
 from rattlesweep.units import is_measured, quantity_text
 

@@ -17,7 +17,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, core_schema
 
 from rattlesweep.arrays import Floats
-from rattlesweep.design.config import not_one_of
+from rattlesweep.errors import not_one_of
 from rattlesweep.physics.si import outside
 from rattlesweep.units import KINDS, Quantity, quantities, split
 

@@ -1,0 +1,44 @@
+"""The style of the figures of rattlesweep, for figures of your own.
+
+>>> from rattlesweep.api.style import BLUE, new_figure, save_figure, styled
+"""
+
+from rattlesweep.analysis.style import (
+    BLUE,
+    FAINT,
+    GREEN,
+    GREY,
+    ORANGE,
+    SERIES,
+    SKY,
+    THEORY,
+    TYPE_STYLE,
+    VERMILION,
+    add_legend,
+    new_figure,
+    save_figure,
+    save_table,
+    styled,
+    thin,
+    value_text,
+)
+
+__all__ = [
+    "BLUE",
+    "FAINT",
+    "GREEN",
+    "GREY",
+    "ORANGE",
+    "SERIES",
+    "SKY",
+    "THEORY",
+    "TYPE_STYLE",
+    "VERMILION",
+    "add_legend",
+    "new_figure",
+    "save_figure",
+    "save_table",
+    "styled",
+    "thin",
+    "value_text",
+]
