@@ -20,7 +20,7 @@ ENERGY = "M g a"
 FORCE = "M g"
 DAMPING = "M a^2 sqrt(g/a)"
 
-_MAX_INERTIA = 1e6  # M a^2
+MAX_INERTIA = 1e6  # M a^2
 # At this spin, in sqrt(g/a), a tilt of 1e-6 rad takes a contact force of the weight.
 MAX_SPEED = 1e3
 MAX_SIGMA = 1e6  # M a^2 sqrt(g/a)
@@ -125,7 +125,7 @@ _BODY = (
         unit="1",
         meaning="I_xx / (M a^2) + 1",
         low=1.0,
-        high=_MAX_INERTIA,
+        high=MAX_INERTIA,
         is_open=True,
     ),
     Definition(
@@ -133,7 +133,7 @@ _BODY = (
         unit="1",
         meaning="I_yy / (M a^2) + 1",
         low=1.0,
-        high=_MAX_INERTIA,
+        high=MAX_INERTIA,
         is_open=True,
     ),
     Definition(
@@ -141,7 +141,7 @@ _BODY = (
         unit="1",
         meaning="I_zz / (M a^2)",
         low=0.0,
-        high=_MAX_INERTIA,
+        high=MAX_INERTIA,
         is_open=True,
     ),
     Definition(

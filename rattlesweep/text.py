@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from functools import cache
 from typing import TYPE_CHECKING, Protocol
 
 from rattlesweep.errors import printable
@@ -18,8 +19,9 @@ COMPILING = (
     "compiling a kernel for this machine (about 15 s); it is kept for later runs"
 )
 COMPILING_ONCE = (
-    "compiling a kernel for this machine (about 15 s), for this run alone: "
-    "no private folder can keep it; NUMBA_CACHE_DIR names one"
+    "compiling a kernel for this machine (about 15 s), for this run alone: kernels are "
+    "kept where nobody else can write, in the folder or in one above it; run "
+    "`chmod go-w ~/.cache`, or name such a folder by NUMBA_CACHE_DIR"
 )
 DELAY = 0.5  # seconds after which a bar appears, so that short work shows none
 LINE_EVERY = 60.0  # seconds between lines of progress where there is no terminal
@@ -72,9 +74,10 @@ def clock(seconds: float) -> str:
 class Bar(AbstractContextManager["Bar"]):
     """Progress on standard error, as a bar or as a line per minute."""
 
-    def __init__(self, shown: bool, lines: bool = False) -> None:
+    def __init__(self, shown: bool, lines: bool = False, warns: bool = True) -> None:
         self._shown = shown
         self._lines = lines
+        self._warns = warns
         self._compiled = False
         self._staged = False
         self._start = time.monotonic()
@@ -91,7 +94,7 @@ class Bar(AbstractContextManager["Bar"]):
     @classmethod
     def of_command(cls, quiet: bool = False) -> Bar:
         """Return the bar of a command, or lines where there is no terminal."""
-        return cls(sys.stderr.isatty() and not quiet, lines=not quiet)
+        return cls(sys.stderr.isatty() and not quiet, not quiet, warns=not quiet)
 
     def __exit__(self, *error: object) -> None:
         """Close the bar."""
@@ -120,9 +123,15 @@ class Bar(AbstractContextManager["Bar"]):
             self._say(f"{now - self._start:4.0f} s  {text}")
 
     def compiling(self, stored: bool) -> None:
-        """Say once that kernels are being compiled, and whether for later runs, too."""
-        if (self._shown or self._lines) and not self._compiled:
-            self._say(COMPILING if stored else COMPILING_ONCE)
+        """Say once that kernels are being compiled.
+
+        That later runs cannot have them is said once a process, with or without a bar.
+        """
+        if not stored:
+            if self._warns:
+                _warn_once(COMPILING_ONCE)
+        elif (self._shown or self._lines) and not self._compiled:
+            self._say(COMPILING)
         self._compiled = True
 
     def _show(self, fraction: float, text: str, left: str = "") -> None:
@@ -140,6 +149,12 @@ class Bar(AbstractContextManager["Bar"]):
     @staticmethod
     def _say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
+
+
+@cache
+def _warn_once(line: str) -> None:
+    """Print a line on standard error, unless this process has printed it."""
+    print(line, file=sys.stderr, flush=True)
 
 
 def _new_bar() -> tqdm:

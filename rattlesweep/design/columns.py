@@ -3,16 +3,16 @@
 The names are fixed, so that scripts written against today's tables read next year's.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.design.results import Results, Values
 from rattlesweep.errors import ConfigError
 from rattlesweep.names import REGIMES
 from rattlesweep.quantities import (
@@ -27,6 +27,15 @@ from rattlesweep.quantities import (
     Definition,
 )
 
+if TYPE_CHECKING:
+    # For mypy alone: columns are declared here, and computed where runs are.
+    from rattlesweep.work.results import Results
+
+# Codes with their words, where -1 is null.
+Words: TypeAlias = "tuple[NDArray[Any], Sequence[str]]"
+# A column before it is written.
+Values: TypeAlias = "NDArray[Any] | pa.Array | Words"
+
 F64 = pa.float64()
 I32 = pa.int32()
 I64 = pa.int64()
@@ -36,7 +45,7 @@ TEXT = pa.string()
 _SERIES = pa.list_(pa.field("element", F64))
 
 
-Source: TypeAlias = Callable[[Results], Values]
+Source: TypeAlias = "Callable[[Results], Values]"
 """Function of the results of a block that returns a column."""
 
 

@@ -19,6 +19,7 @@ from rattlesweep.physics import si
 from rattlesweep.physics.mesh.reading import read_standing
 from rattlesweep.physics.mesh.standing import Standing
 from rattlesweep.physics.si import Units
+from rattlesweep.quantities import MAX_INERTIA
 
 T = TypeVar("T", float, Floats)
 PARAMETERS = ("alpha", "beta", "gamma", "theta", "phi", "xi")
@@ -392,7 +393,6 @@ PRESETS: dict[str, Callable[[], Rattleback]] = {
     "GH": Rattleback.gh,
     "KL": Rattleback.kl,
 }
-MAX_INERTIA = 1e6  # in M a^2
 
 
 def _require_number(name: str, value: Any) -> None:

@@ -146,8 +146,9 @@ def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     """Return the energy minus the work of friction, in ``M g a``; 0 at rest upright."""
     ux, uy, uz = unit(vx, vy, vz)
     (x, y, z), _ = contact(ux, uy, uz, cxx, cxy, cyy, k)
-    vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
-    twice_kinetic = ix * a * a + iy * b * b + iz * c * c + vx * vx + vy * vy + vz * vz
+    # The velocity of the centre of mass, r x omega.
+    px, py, pz = y * c - z * b, z * a - x * c, x * b - y * a
+    twice_kinetic = ix * a * a + iy * b * b + iz * c * c + px * px + py * py + pz * pz
     return 0.5 * twice_kinetic - (x * ux + y * uy + z * uz) - 1.0 - work
 
 

@@ -16,8 +16,7 @@ import pyarrow as pa
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.design import columns as tables
 from rattlesweep.design.cases import VARIES, Case
-from rattlesweep.design.columns import F64, I32, I64, TEXT
-from rattlesweep.design.results import Values
+from rattlesweep.design.columns import F64, I32, I64, TEXT, Values
 from rattlesweep.errors import OutputError, one_line
 from rattlesweep.intervals import share
 from rattlesweep.names import REGIMES
@@ -191,16 +190,35 @@ class Counts(dict[str, Integers]):
             for code, regime in enumerate(REGIMES):
                 numbers[f"regime_{regime}"] = is_ok & (regime_codes == code)
         for name, number in numbers.items():
-            sums = self.setdefault(name, self[name])
+            sums = self[name]
+            self[name] = sums
             # Adding no zeros leaves arrays of zeros without memory of their own.
             is_added = is_counted & (number != 0)
             np.add.at(sums, cell[is_added], number[is_added].astype(sums.dtype))
-        for name, values in _averaged(columns, type_codes, is_ok).items():
+        reverses = is_ok & (type_codes == CODE_R)
+        for values_of_cells, values in self._averaged(columns, reverses):
             has_value = is_counted & np.isfinite(values)
-            moments: Moments = getattr(self, name)
-            moments.add(cell[has_value], values[has_value])
-            if name == "t_r" and self.times is not None:
-                self.times.add(cell[has_value], values[has_value])
+            values_of_cells.add(cell[has_value], values[has_value])
+
+    def _averaged(
+        self, columns: dict[str, Floats], reverses: Flags
+    ) -> Iterator[tuple[Moments | Sample, Floats]]:
+        """Yield what takes values of runs, and these values; NaN does not count."""
+        of_reversals: list[tuple[str, Moments | Sample]] = [
+            ("t_r", self.t_r),
+            ("t_r_error", self.t_r_error),
+            ("t_r_s", self.t_r_s),
+        ]
+        if self.times is not None:
+            of_reversals.append(("t_r", self.times))
+        for name, values_of_cells in of_reversals:
+            if name in columns:
+                yield values_of_cells, np.where(reverses, columns[name], np.nan)
+        ratio = share(columns["t_r"], columns["t_rgh"])
+        yield self.ratio, np.where(reverses, ratio, np.nan)
+        yield self.t_rgh, columns["t_rgh"]
+        if "n_i_rpm" in columns:
+            yield self.n_i_rpm, columns["n_i_rpm"]
 
 
 def _numbers(
@@ -234,23 +252,6 @@ def _numbers(
     if "t_slide" in columns:
         numbers["share_slid"] = is_ok & np.isfinite(columns["t_slide"])
     return numbers
-
-
-def _averaged(
-    columns: dict[str, Floats], type_codes: Integers, is_ok: Flags
-) -> dict[str, Floats]:
-    """Return what :class:`Counts` averages, by run; NaN where a run does not count."""
-    averaged = {"ratio": share(columns["t_r"], columns["t_rgh"])}
-    for name in ("t_r", "t_r_error", "t_r_s"):
-        if name in columns:
-            averaged[name] = columns[name]
-    reverses = is_ok & (type_codes == CODE_R)
-    for name, values in averaged.items():
-        averaged[name] = np.where(reverses, values, np.nan)
-    for name in ("t_rgh", "n_i_rpm"):
-        if name in columns:
-            averaged[name] = columns[name]
-    return averaged
 
 
 class Moments:

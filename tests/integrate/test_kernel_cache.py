@@ -20,6 +20,7 @@ from small_kernel import again, forget_folders, load_small
 from sweeping import CONFIGS
 
 from rattlesweep.integrate import batch, compile
+from rattlesweep.text import Bar, _warn_once
 
 CONFIG = CONFIGS / "quickstart.yaml"
 
@@ -239,6 +240,30 @@ def test_a_user_without_a_home_compiles_into_a_temporary_folder(place, monkeypat
     assert compile.cache_folder().parent.name.startswith("rattlesweep-")
     # The listener hears that later runs will not find the kernel.
     assert heard == [False]
+
+
+def test_a_cache_that_a_group_may_write_is_told_of_once(
+    place, monkeypatch, tmp_path, capfd
+):
+    # As `~/.cache` is where new folders are open to a group (umask 002).
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / ".cache"))
+    (tmp_path / ".cache").mkdir()
+    (tmp_path / ".cache").chmod(0o775)
+    _warn_once.cache_clear()
+    for _ in range(2):
+        with compile.listening(Bar.of_call(progress=False).compiling):
+            assert again() == (13, False)
+    said = capfd.readouterr().err
+    assert said.count("compiling a kernel") == 1
+    assert "run `chmod go-w ~/.cache`, or name such a folder by NUMBA_CACHE_DIR" in said
+    _warn_once.cache_clear()
+    # A quiet command says nothing.
+    Bar.of_command(quiet=True).compiling(stored=False)
+    assert capfd.readouterr().err == ""
+    (tmp_path / ".cache").chmod(0o755)
+    assert again() == (13, False)
+    assert again() == (13, True)
 
 
 def test_an_error_of_numba_is_not_hidden_by_a_slow_start(place, monkeypatch):
