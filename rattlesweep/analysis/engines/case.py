@@ -76,7 +76,8 @@ CONVENTIONS = {
     ),
     "first_reversal": (
         "First zero of the spin after its size has exceeded `counts_above`, which is 0 "
-        "for a body that is launched with a spin."
+        "for a body that is launched with a spin. Pivoting friction may hold the spin "
+        "at zero; the zero is then the time at which it leaves to the other side."
     ),
     "direction": (
         "In the steady direction the slower oscillation grows and the spin lasts "

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from rattlesweep.analysis.engines.case import Case, rim_of
+from rattlesweep.analysis.engines.case import Case
 from rattlesweep.analysis.onerun.course import PreparedRun
 from rattlesweep.errors import ConfigError
 from rattlesweep.shipped import linked
@@ -13,6 +13,9 @@ from rattlesweep.shipped import linked
 # Friction of a plane that always holds: this, or so many times what rolling needs.
 FRICTION = 1.0
 AMPLE = 2.0
+# So many times with pivoting friction, of which MuJoCo's cone takes away the more, the
+# more of the sliding friction is used (docs/engines.md).
+AMPLE_IN_PIVOTING = 10.0
 # Time constant of the contact in sqrt(a/g), and the steps in it: the fewest that
 # MuJoCo allows, with which its error is smallest (docs/engines.md).
 SHARE = 0.005
@@ -26,15 +29,10 @@ def check_model(run: PreparedRun) -> None:
             "body: a physics engine has no paraboloid; give the vertical semi-axis c "
             "of an ellipsoid, or choose the format json"
         )
-    if rim_of(run) is not None:
-        raise ConfigError(
-            "body: a physics engine has no half ellipsoid; give mass, height, inertia, "
-            "radii and c of a whole one, or choose the format json"
-        )
     losses = [
         name
         for name, values in run.launches.losses.items()
-        if name != "mu" and values[0] > 0
+        if name not in ("mu", "pivot") and values[0] > 0
     ]
     if losses:
         raise ConfigError(
@@ -51,10 +49,14 @@ def to_mjcf(case: Case, one_percent: float | None = None) -> str:
     """
     unit_of_time = math.sqrt(case.body.height / case.plane.gravity)
     time_constant = SHARE * unit_of_time
+    lever = 0.0
+    if "pivot" in case.plane.losses:
+        lever = case.plane.losses["pivot"].value
     friction = case.plane.friction
     if friction is None:
-        needed = case.expected.contact.friction
-        friction = FRICTION if needed < FRICTION else math.ceil(AMPLE * needed)
+        friction = _ample(case.expected.contact.friction, lever)
+    # An elliptic cone: what rolling uses of the friction is lost to pivoting.
+    used = min(1.0, case.expected.contact.friction / friction)
     half = case.body.surface.angle / 2
     environment = Environment(
         loader=PackageLoader("rattlesweep", "templates"),
@@ -72,12 +74,23 @@ def to_mjcf(case: Case, one_percent: float | None = None) -> str:
         one_percent=one_percent,
         unit_of_time=unit_of_time,
         friction=float(friction),
+        lever=lever,
+        torque_left=math.sqrt(1 - used**2),
         weight=case.body.mass * case.plane.gravity,
         time_constant=time_constant,
         timestep=time_constant / STEPS,
         turned=(math.cos(half), 0.0, 0.0, math.sin(half)),
     )
     return linked(text)
+
+
+def _ample(needed: float, lever: float) -> float:
+    """Return a coefficient of sliding friction with which a body rolls always."""
+    if lever > 0:
+        return math.ceil(AMPLE_IN_PIVOTING * needed)
+    if needed < FRICTION:
+        return FRICTION
+    return math.ceil(AMPLE * needed)
 
 
 def _numbers(values: Sequence[float]) -> str:
