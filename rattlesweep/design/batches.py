@@ -20,7 +20,7 @@ WINDOW_PERIODS = 2.0
 
 
 # Periods after which amplitudes are compared for the first time.
-MARK_PERIODS = 8.0
+COMPARISON_PERIODS = 8.0
 
 
 # Relative fall of an amplitude by the horizon, at which a mode is decaying.
@@ -101,7 +101,7 @@ def full_batch(launches: Launches) -> Batch:
         rate=swing * oscillation / bodies.gamma,
         relevant=np.abs(relevant),
         window=_windows(launches.horizon, slower),
-        first_mark=MARK_PERIODS * 2 * np.pi / slower,
+        first_comparison=COMPARISON_PERIODS * 2 * np.pi / slower,
         scale=launches.spin_scale,
         tapped=launches.n_i == 0,
         dead=dead,
@@ -136,7 +136,7 @@ def reduced_batch(launches: Launches) -> Batch:
         rate=fastest_growth * n_0,
         # Without oscillations, windows may be as short as possible.
         window=_windows(launches.horizon, np.full(count, np.inf)),
-        first_mark=launches.horizon,
+        first_comparison=launches.horizon,
         scale=launches.spin_scale,
         tapped=launches.n_i == 0,
     )

@@ -548,7 +548,7 @@ GROUPS = (
             Column(
                 "t_half",
                 F64,
-                lambda runs: runs.integrated.t_half,
+                lambda runs: runs.integrated.mark("t_half"),
                 TIME,
                 "first time at which the spin has half its size; null: never",
                 refines=True,

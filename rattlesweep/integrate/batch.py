@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from rattlesweep.arrays import Flags, Floats, Integers, put, scatter, take
 from rattlesweep.integrate import SettingError, processors
 from rattlesweep.integrate.compile import Kernel, Order, load_kernels
-from rattlesweep.integrate.lanes import kernel as lanes
-from rattlesweep.integrate.lanes import pivots, runs, slides
+from rattlesweep.integrate.lanes import kernel, modes, runs, slides
 from rattlesweep.integrate.lanes.lane import INNER, LANES, Problem, addresses_of
 from rattlesweep.integrate.lanes.marks import MARKS
-from rattlesweep.integrate.lanes.runs import SHAPES, Recording
+from rattlesweep.integrate.lanes.runs import SHAPES, Inputs, Outputs, Recording
 from rattlesweep.integrate.lanes.step import OPTIONS, SUBSTEPS, write_attempt
+from rattlesweep.integrate.lanes.tangents import tangents_of
 from rattlesweep.integrate.model import FRAME, FULL, TANGENT, Model, find_model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL, Tableau
@@ -54,12 +54,9 @@ def problem_of(
     """Return the problem that the kernels of a model are compiled for."""
     if model is None:
         return Problem(None, adaptive, width)
-    hooks = runs.hooks_of(model, rimmed)
-    if model.slide is not None:
-        hooks = slides.RIMMED_HOOKS if rimmed else slides.HOOKS
-    if model.pivot is not None:
-        hooks = pivots.pivoting_hooks(hooks)
-    return Problem(model, adaptive, width, hooks, rimmed)
+    ways = modes.modes_of(model, rimmed)
+    carried = tangents_of(model)
+    return Problem(model, adaptive, width, ways, carried, rimmed)
 
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
@@ -75,27 +72,28 @@ def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
     return spaces
 
 
-# Arguments whose types a kernel is compiled for: a workspace, tables, addresses, the
-# arrays of runs, those that threads share.
+# Arguments whose types a kernel is compiled for: a workspace, tables, addresses, what
+# it reads and writes, what threads share.
 FLAT = np.zeros(0)
 TABLE = np.zeros((0, 1))
 WHOLE = np.zeros(0, dtype=np.int64)
-WHOLE_TABLE = np.zeros((0, 1), dtype=np.int64)
 NO_PARTS = np.zeros(2, dtype=np.int64)
-RUNS = TABLE, TABLE, TABLE, TABLE, FLAT
+INPUTS = Inputs(TABLE, TABLE, TABLE, np.zeros(0, runs.PLAN))
+SETTINGS = kernel.Options(1.0, 1.0, 1.0)
 NOTHING = Recording(*(np.zeros((0, 1, 1)) for _ in RECORDS))
-SHARED = WHOLE, WHOLE, *RUNS, TABLE, WHOLE_TABLE, TABLE, *NOTHING
+OUTPUTS = Outputs(np.zeros(0, modes.RESULT), TABLE)
+SHARED = WHOLE, WHOLE, INPUTS, SETTINGS, TABLE, OUTPUTS, NOTHING
 
 
 def work(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
-    """Return :func:`lanes.work` for a model, which each thread runs.
+    """Return :func:`kernel.work` for a model, which each thread runs.
 
     ``rim`` is ``rimmed`` or empty.
     """
     problem = problem_of(find_model(model_name), adaptive, rimmed=bool(rim))
     arguments = problem, 0, NO_PARTS, FLAT, *SHARED
     options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-    return Kernel(lanes.work, arguments, options)
+    return Kernel(kernel.work, arguments, options)
 
 
 def attempt(tableau_name: str, model_name: str, extra: str = "") -> Kernel:
@@ -107,10 +105,10 @@ def attempt(tableau_name: str, model_name: str, extra: str = "") -> Kernel:
 
 
 def decide_closely(adaptive: bool) -> Kernel:
-    """Return :func:`lanes.decide_closely`, which serves all models."""
+    """Return :func:`kernel.decide_closely`, which serves all models."""
     return Kernel(
-        lanes.decide_closely,
-        (problem_of(None, adaptive), FLAT, 0, 1.0, lanes.ZEROS),
+        kernel.decide_closely,
+        (problem_of(None, adaptive), FLAT, 0, 1.0, kernel.ZEROS),
         INNER,
     )
 
@@ -122,12 +120,12 @@ def slide_lanes(model_name: str, rim: str = "") -> Kernel:
 
 
 def drive() -> Kernel:
-    """Return :func:`lanes.drive`, which starts the threads of all kernels."""
+    """Return :func:`kernel.drive`, which starts the threads of all kernels."""
     options = {"parallel": True, "nogil": True}
-    return Kernel(lanes.drive, (0, NO_PARTS, 1, TABLE, SHARED), options)
+    return Kernel(kernel.drive, (0, NO_PARTS, 1, TABLE, *SHARED), options)
 
 
-def kernel(
+def threaded_kernel(
     tableau_name: str,
     model_name: str,
     record: Collection[str] = (),
@@ -168,19 +166,16 @@ def kernel(
     loaded = load_kernels(*orders)
     working = loaded[0]
     parts = addresses_of(*loaded[1:pieces])
-    if threaded:
-        driving = loaded[-1]
-        address = addresses_of(working)[0]
+    driving = loaded[-1]
 
-        def call(threads: int, shared: tuple[object, ...]) -> None:
-            driving(address, parts, threads, workspace(tableau, model, threads), shared)
-    else:
-
-        def call(threads: int, shared: tuple[object, ...]) -> None:
-            w = workspace(tableau, model, threads)
-            problem = problem_of(model, tableau.adaptive, rimmed=rimmed)
-            for thread in range(threads):
-                working(problem, thread, parts, w[thread], *shared)
+    def call(threads: int, shared: tuple[object, ...]) -> None:
+        w = workspace(tableau, model, threads)
+        if threaded:
+            driving(addresses_of(working)[0], parts, threads, w, *shared)
+            return
+        problem = problem_of(model, tableau.adaptive, rimmed=rimmed)
+        for thread in range(threads):
+            working(problem, thread, parts, w[thread], *shared)
 
     return call
 
@@ -254,7 +249,7 @@ class Batch:
     window: Floats  # length of the windows whose amplitudes are compared
     # Time of the first comparison of amplitudes; in the first window, the next ones are
     # at twice, four times, ... this time.
-    first_mark: Floats
+    first_comparison: Floats
     # modulus of the spin at launch, or of the spin that would hold all the energy
     scale: Floats
     # launched without spin: zeros count once |n| has exceeded PLATEAU_SHARE of scale
@@ -306,7 +301,7 @@ class Outcome:
     contact_ratio_max: Floats
     contact_normal_min: Floats
     volume_rate: Floats
-    t_half: Floats  # first time at which the spin has half its size at launch
+    marks: Floats  # times of `lanes.marks`, shape (runs, marks)
     # Amplitude, least and largest spin in each window, shape (runs, 64, 3).
     windows: Floats
     # Time of each reversal and largest modulus of the spin until the next, shape (runs,
@@ -314,10 +309,16 @@ class Outcome:
     reversals: Floats
     # Time and logarithm of the tangent's growth at the ends of the windows and of the
     # run, shape (runs, 64, 2).  If a step ends several windows, only the row of the
-    # first is filled.  For the spectrum there are N_GROWTHS logarithms, and N_MARKS
-    # further rows within the first window.
+    # first is filled.  For the spectrum there are N_GROWTHS logarithms, and
+    # N_COMPARISONS further rows within the first window.
     growth: Floats
     stopped: bool  # whether the kernel was stopped before all runs had ended
+
+    def mark(self, name: str) -> Floats:
+        """Return the times of a mark of `lanes.marks`, NaN where there is none."""
+        (place,) = [k for k, mark in enumerate(MARKS) if mark.name == name]
+        times: Floats = self.marks[:, place]
+        return times
 
 
 def has_settled(batch: Batch, outcome: Outcome) -> Flags:
@@ -401,24 +402,18 @@ def integrate(
     longest = np.full(len(batch), np.inf) if longest_step is None else longest_step
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
     control.start(count, price)
-    width = runs.FIRST_STATE + model.n_state
-    if model.pivot is not None:
-        width += pivots.N_COLUMNS
-    if model.slide is not None:
-        width += slides.N_COLUMNS
-    result = np.full((len(batch), width), np.nan)
-    counts = np.zeros((len(batch), len(runs.COUNTS)), dtype=np.int64)
-    counts[:, runs.STATUS] = Status.STOPPED
-    recording = _recording(len(batch), record)
+    outputs = outputs_of(len(batch), model)
+    recording = recording_of(len(batch), record)
     if len(batch):
         order = np.argsort(-price, kind="stable")
-        arrays = run_arrays(batch, tableau, tol, dt, max_steps, price, longest)
-        outputs = result, counts, control.progress, *recording
+        inputs = inputs_of(batch, tableau, tol, dt, cost=price, longest_step=longest)
+        options = options_of(tableau, tol, dt, max_steps)
         rimmed = can_reach_rim(batch, model)
-        call = kernel(tableau.name, model.name, record, rimmed=rimmed)
+        call = threaded_kernel(tableau.name, model.name, record, rimmed=rimmed)
         with holding(count):
-            call(count, (control.shared, order, *arrays, *outputs))
-    outcome = _outcome(batch, model, tableau, dt, result, counts, recording)
+            written = control.progress, outputs, recording
+            call(count, (control.shared, order, inputs, options, *written))
+    outcome = _outcome(batch, model, tableau, dt, outputs, recording)
     failed = np.isin(outcome.status, FAILED)
     if model.anywhere is None or not failed.any():
         return outcome
@@ -528,7 +523,17 @@ def anywhere(batch: Batch) -> Batch:
     return replace(batch, y0=y0, constants=constants)
 
 
-def _recording(count: int, record: Collection[str]) -> Recording:
+def outputs_of(count: int, model: Model) -> Outputs:
+    """Return arrays for what a kernel writes of a number of runs, without values."""
+    results = np.zeros(count, modes.RESULT)
+    for name in modes.RESULT.names or ():
+        if modes.RESULT[name].kind == "f":
+            results[name] = np.nan
+    results["status"] = Status.STOPPED
+    return Outputs(results, np.full((count, model.n_state), np.nan))
+
+
+def recording_of(count: int, record: Collection[str]) -> Recording:
     """Return arrays for a number of runs, empty where something is not recorded."""
     arrays = {}
     for name, shape in SHAPES._asdict().items():
@@ -536,7 +541,7 @@ def _recording(count: int, record: Collection[str]) -> Recording:
     if not {mark.name for mark in MARKS}.isdisjoint(record):
         arrays["marks"] = np.full((count, *SHAPES.marks), np.nan)
     if "spectrum" in record:
-        shape = count, runs.N_WINDOWS + runs.N_MARKS, 1 + runs.N_GROWTHS
+        shape = count, runs.N_WINDOWS + runs.N_COMPARISONS, 1 + runs.N_GROWTHS
         arrays["lyapunov"] = np.full(shape, np.nan)
     return Recording(**arrays)
 
@@ -546,53 +551,37 @@ def _outcome(
     model: Model,
     tableau: Tableau,
     dt: float,
-    result: Floats,
-    counts: Integers,
+    outputs: Outputs,
     recording: Recording,
 ) -> Outcome:
     """Return what a kernel has written as an outcome."""
-    if not tableau.adaptive:
-        coarse = is_coarse(tableau, dt, batch.relevant, result[:, runs.T_END])
-        coarse &= counts[:, runs.STATUS] == Status.OK
-        counts[coarse, runs.STATUS] = Status.COARSE
-        result[coarse, runs.T_R] = np.nan
-    counts[:, runs.STEPS] *= stride(tableau)
-    # Without spin at launch these two have no reference.
-    result[batch.tapped, runs.GROWTH] = np.nan
-    result[batch.tapped, runs.DEPARTURE] = np.nan
-    after = runs.FIRST_STATE + model.n_state
-    held = np.zeros((0, pivots.N_COLUMNS))
-    first_slide = after
-    if model.pivot is not None:
-        first_slide = after + pivots.N_COLUMNS
-        held = result[:, after:first_slide]
-    slid = result[:, first_slide:]
-    if model.slide is None:
-        slid = np.zeros((0, slides.N_COLUMNS))
+    known = {name for name, _ in runs.RESULTS}
+    known.update(problem_of(model, True).modes.results)
     columns: dict[str, Any] = {}
-    for k, name in enumerate(runs.RESULT):
-        columns[name] = result[:, k]
-    for k, name in enumerate(runs.COUNTS):
-        columns[name] = counts[:, k]
+    for name in modes.RESULT.names or ():
+        values = outputs.results[name]
+        columns[name] = values.copy() if name in known else values[:0]
+    if not tableau.adaptive:
+        coarse = is_coarse(tableau, dt, batch.relevant, columns["t_end"])
+        coarse &= columns["status"] == Status.OK
+        columns["status"][coarse] = Status.COARSE
+        columns["t_r"][coarse] = np.nan
+    columns["n_steps"] *= stride(tableau)
+    # Without spin at launch these two have no reference.
+    columns["amp_growth"][batch.tapped] = np.nan
+    columns["n_departure"][batch.tapped] = np.nan
     return Outcome(
         **columns,
-        y_end=result[:, runs.FIRST_STATE : after],
-        t_slide=slid[:, slides.T_SLIDE],
-        n_slides=slid[:, slides.SLIDES].astype(np.int32),
-        slide_time=slid[:, slides.SLIDE_TIME],
-        slide_work=slid[:, slides.SLIDE_WORK],
-        t_held=held[:, pivots.T_HELD],
-        held_time=held[:, pivots.HELD_TIME],
-        pivot_work=held[:, pivots.PIVOT_WORK],
+        y_end=outputs.y_end,
         energy_drift_max=recording.energy[:, 0, 0],
         contact_ratio_max=recording.contact[:, 0, 0],
         contact_normal_min=recording.contact[:, 0, 1],
         volume_rate=recording.volume[:, 0, 0],
-        t_half=recording.marks[:, 0, 0],
+        marks=recording.marks[:, 0],
         windows=recording.windows,
         reversals=recording.reversals,
-        growth=_without_marks(recording.lyapunov, result[:, runs.T_END]),
-        stopped=bool((counts[:, runs.STATUS] == Status.STOPPED).any()),
+        growth=_without_comparisons(recording.lyapunov, columns["t_end"]),
+        stopped=bool((columns["status"] == Status.STOPPED).any()),
     )
 
 
@@ -612,52 +601,56 @@ def stride(tableau: Tableau) -> int:
     return 1 if tableau.adaptive else SUBSTEPS
 
 
-def run_arrays(
+def inputs_of(
     batch: Batch,
     tableau: Tableau,
     tol: float,
     dt: float,
-    max_steps: int,
+    *,
     cost: Floats | float = 0.0,
     longest_step: Floats | float = np.inf,
-) -> tuple[Floats, ...]:
-    """Return the arrays that a kernel reads, from ``y0`` to ``options``."""
-    plan = np.zeros((len(batch), runs.N_PLAN))
-    plan[:, runs.HORIZON] = batch.t_end
-    plan[:, runs.SWING] = batch.swing
-    plan[:, runs.WINDOW] = batch.window
-    plan[:, runs.RATE] = batch.rate
-    plan[:, runs.COST] = cost
-    plan[:, runs.LONGEST] = longest_step
-    plan[:, runs.FIRST_MARK] = batch.first_mark
-    plan[:, runs.FAR] = PLATEAU_SHARE * batch.scale
-    plan[:, runs.TAPPED] = batch.tapped
+) -> Inputs:
+    """Return what a kernel reads of runs."""
+    plan = np.zeros(len(batch), runs.PLAN)
+    plan["horizon"] = batch.t_end
+    plan["swing"] = batch.swing
+    plan["window"] = batch.window
+    plan["rate"] = batch.rate
+    plan["cost"] = cost
+    plan["longest_step"] = longest_step
+    plan["first_comparison"] = batch.first_comparison
+    plan["far"] = PLATEAU_SHARE * batch.scale
+    plan["tapped"] = batch.tapped
     if len(batch.settled):
-        plan[:, runs.SETTLED] = batch.settled
+        plan["settled"] = batch.settled
     if len(batch.dead):
-        plan[:, runs.DEAD] = batch.dead
-    plan[:, runs.RIM_HEIGHT] = NO_RIM
+        plan["dead"] = batch.dead
+    plan["rim"] = NO_RIM
     if len(batch.rim):
-        plan[:, runs.RIM_HEIGHT] = np.nan_to_num(batch.rim, nan=NO_RIM)
+        plan["rim"] = np.nan_to_num(batch.rim, nan=NO_RIM)
     # The depth below which the method cannot tell the sign of an extremum, as a
     # fraction of the swing.
     if tableau.adaptive:
-        angle = min(1.0, lanes.FIRST_ANGLE * tol ** (1 / tableau.order))
-        plan[:, runs.FIRST_STEP] = angle / batch.swing
-        plan[:, runs.FUZZ] = 1e3 * tol
+        angle = min(1.0, kernel.FIRST_ANGLE * tol ** (1 / tableau.order))
+        plan["first_step"] = angle / batch.swing
+        plan["fuzz"] = 1e3 * tol
     else:
-        plan[:, runs.FIRST_STEP] = SUBSTEPS * dt
-        plan[:, runs.FUZZ] = np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
-    options = np.zeros(3)
-    options[lanes.SCALE] = 1.0 / tol**2
-    options[lanes.FIXED_STEP] = stride(tableau) * dt
-    options[lanes.MOST_STEPS] = max_steps / stride(tableau)
+        plan["first_step"] = SUBSTEPS * dt
+        plan["fuzz"] = np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
     y0 = np.ascontiguousarray(batch.y0)
     constants = np.ascontiguousarray(batch.constants)
-    return y0, constants, np.ascontiguousarray(batch.probe), plan, options
+    return Inputs(y0, constants, np.ascontiguousarray(batch.probe), plan)
 
 
-def _without_marks(growth: Floats, t_end: Floats) -> Floats:
+def options_of(
+    tableau: Tableau, tol: float, dt: float, max_steps: int
+) -> kernel.Options:
+    """Return how a kernel integrates."""
+    steps = stride(tableau)
+    return kernel.Options(1.0 / tol**2, float(steps * dt), max_steps / steps)
+
+
+def _without_comparisons(growth: Floats, t_end: Floats) -> Floats:
     """Return growths without those in the first window, but for motions that died out.
 
     Their last growths are older than the end of the run.

@@ -8,8 +8,10 @@ that no accepted step depends on them.
 """
 
 # mypy: disable-error-code="no-untyped-def"
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple, Self, cast
 
 import numpy as np
 
@@ -17,11 +19,12 @@ from rattlesweep.arrays import Floats, Integers
 from rattlesweep.integrate import attitude as rotations
 from rattlesweep.integrate import batch as batches
 from rattlesweep.integrate.batch import Batch
-from rattlesweep.integrate.compile import Kernel, load_kernels
+from rattlesweep.integrate.compile import Kernel, Order, load_kernels
 from rattlesweep.integrate.lanes import kernel, pivots, runs
-from rattlesweep.integrate.lanes.events import HOLD, NEVER, SCAN
+from rattlesweep.integrate.lanes.events import HOLD, SCAN
 from rattlesweep.integrate.lanes.lane import (
     N_SLIP,
+    NEVER,
     Slip,
     addresses_of,
     call,
@@ -35,57 +38,54 @@ from rattlesweep.integrate.tableau import DT, MAX_STEPS, TOL, Tableau
 
 STEPS_PER_CALL = 2048  # a few milliseconds, after which Python can act on Ctrl-C
 MOST_ZEROS = 256  # in a call
-# ``counts`` of :func:`record_steps`: whether the run has begun and ended, its status,
-# and the numbers of steps, zeros and reversals that the last call stored.
-BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_TURNS, N_COUNTS = range(7)
+MOST_AHEAD = 100  # calls whose steps are kept for later, a few hundred kB each
 # Columns of a stored step: time, its low part, sense of the spin from there on, then
 # the state, its derivative and slip.
 T, T_LOW, SENSE, STATE = range(4)
-# ``energies`` at launch and in the last row.
-FIRST, LAST = 0, 1
 # Columns of ``extremes``: the largest ratio of the contact forces, the least normal
 # force.
 RATIO_MAX, NORMAL_MIN = 0, 1
+
+
+class Stored(NamedTuple):
+    """How far a call of :func:`record_steps` has come."""
+
+    rows: int  # of the tables
+    zeros: int
+    turns: int
+    ended: bool
+    status: int
+    energy_0: float  # at launch
+    energy: float  # in the last row
 
 
 def record_steps(
     problem,
     parts,
     w,
-    y0,
-    constants,
-    probe,
-    plan,
+    inputs,
     options,
-    reversals,
-    contact,
+    recording,
+    begins,
     steps,
+    extremes,
     zeros,
     turns,
-    counts,
-    energies,
-    extremes,
 ):
-    """Continue the run until the tables are full or it ends.
+    """Begin or continue the run until the tables are full or it ends at its horizon.
 
-    It ends at its horizon.  The arguments up to ``options`` are those of the
-    kernel's ``work`` for one run, which stays in the workspace between calls.  The
-    others are outputs: ``reversals`` and ``contact`` of a Recording; ``steps``, where
-    the run is and then the ends of accepted steps; times of ``zeros`` and of ``turns``,
-    which are reversals; ``counts``; ``energies``; for each row of ``steps``, the
-    ``extremes`` of the contact until then, if ``contact`` is recorded.
+    The arguments up to ``options`` are those of the kernel's ``work`` for one run,
+    which stays in the workspace between calls.  ``recording`` is that of reversals and
+    perhaps of the contact.  The tables are ``steps``, where the run is and then the
+    ends of accepted steps; the ``extremes`` of the contact until then, if they are
+    recorded; times of ``zeros``; and times of ``turns``, which are reversals.
     """
     widest_vectors()
-    nothing = reversals[:0]
-    recording = runs.Recording(
-        nothing, contact, nothing, reversals, nothing, nothing, nothing
-    )
-    max_steps = options[kernel.MOST_STEPS]
+    max_steps = options.most_steps
     lane = lane_of(problem, w, 0)
-    if counts[BEGUN] == 0:
-        counts[BEGUN] = 1
-        problem.hooks.start(lane, 0, y0, constants, probe, plan)
-        lane.next = 1e290  # no window ends
+    if begins:
+        runs.start(lane, 0, inputs)
+        lane.next = NEVER  # no window ends
         if lane.arm > 0.0:
             # All zeros are searched from the launch on, also those that do not count.
             lane.arm = 0.0
@@ -133,16 +133,11 @@ def record_steps(
         accepted = lane.accept > 0.0
         if not accepted:
             runs.hold_back(lane)
-        if problem.limited or runs.recorded(contact):
+        if problem.limited or runs.recorded(recording.contact):
             kernel.watch(problem, w, recording)
         kernel.commit(problem, w)
-    counts[ENDED] = 1 if ended else 0
-    counts[STATUS] = status
-    counts[N_STEPS] = row - 1
-    counts[N_ZEROS] = n_zeros
-    counts[N_TURNS] = n_turns
-    energies[FIRST] = lane.energy0
-    energies[LAST] = problem.hooks.energy(lane)
+    energy = problem.modes.energy(lane)
+    return Stored(row, n_zeros, n_turns, ended, status, lane.energy0, energy)
 
 
 def states_after(problem, parts, w, steps, which, offset, constants, swing, scale, out):
@@ -158,7 +153,7 @@ def states_after(problem, parts, w, steps, which, offset, constants, swing, scal
         # Lanes that slide try steps of the given sizes.
         lane.mu = constants[-1]
         lane.swing = swing
-        lane.mode = SCAN
+        lane.search = SCAN
     given = problem.n_given
     points = which.size
     for first in range(0, points, problem.lanes):
@@ -197,7 +192,7 @@ def observe(problem, states, slips, senses, constants, out):
         if problem.pivots:
             q = q[:-1] + (senses[i],)  # noqa: RUF005
         out[0, i] = model.spin(y)
-        out[1, i], out[2, i], out[3, i] = problem.hooks.observe(model, y, slip, q, mu)
+        out[1, i], out[2, i], out[3, i] = problem.modes.observe(model, y, slip, q, mu)
 
 
 OPTIONS = {"nogil": True, "error_model": "numpy"}
@@ -206,12 +201,9 @@ OPTIONS = {"nogil": True, "error_model": "numpy"}
 def steps_recipe(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
     """Return :func:`record_steps` of a model; ``rim`` is as for `batch.work`."""
     problem = batches.problem_of(find_model(model_name), adaptive, rimmed=bool(rim))
-    run = problem, batches.NO_PARTS, batches.FLAT, *batches.RUNS
-    times = batches.FLAT, batches.FLAT
-    outputs = batches.TABLE, *times, batches.WHOLE, batches.FLAT, batches.TABLE
-    recorded = batches.NOTHING.reversals, batches.NOTHING.contact
-    arguments = *run, *recorded, *outputs
-    return Kernel(record_steps, arguments, OPTIONS)
+    run = problem, batches.NO_PARTS, batches.FLAT, batches.INPUTS, batches.SETTINGS
+    tables = batches.TABLE, batches.TABLE, batches.FLAT, batches.FLAT
+    return Kernel(record_steps, (*run, batches.NOTHING, True, *tables), OPTIONS)
 
 
 def states_recipe(model_name: str) -> Kernel:
@@ -243,6 +235,25 @@ class Samples:
     # held.
     sense: Floats
     extra: Floats  # heading and contact point (see `physics.full`), or no columns
+
+    @classmethod
+    def joined(cls, pieces: Sequence[Self]) -> Self:
+        """Return samples one after the other."""
+        names = [field.name for field in fields(cls)]
+        columns = [[getattr(piece, name) for piece in pieces] for name in names]
+        return cls(*map(np.concatenate, columns))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a run: what a call of :func:`record_steps` has stored."""
+
+    steps: Floats  # where it begins, and then the ends of accepted steps
+    extremes: Floats
+    zeros: list[float]
+    turns: list[float]
+    ended: bool
+    status: Status
 
 
 # What looks on: see `Follower`.
@@ -278,24 +289,43 @@ class Follower:
     ) -> None:
         self._tableau = tableau
         self._dt = dt
-        self._settings = tol, dt, max_steps
+        self._tol = tol
+        self._max_steps = max_steps
         self._longest_step = longest_step
         self._look: Look | None = None
-        # The contact is only watched for one who looks.
-        self._contact = np.zeros((int(look is not None), *runs.SHAPES.contact))
+        self._recorded = {"reversals"}
+        if look is not None:
+            # The contact is only watched for one who looks.
+            self._recorded.add("contact")
         if model.flat is not None and batches.on_paraboloids(batch, model).all():
             batch, model = batches.flattened(batch, model)
         self._start(batch, model, attitude)
         if model.anywhere is not None:
-            while not self.ended:
-                self._continue()
-            if self.status in batches.FAILED:
-                self._start(batches.anywhere(batch), model.anywhere, attitude)
-            else:
-                self._start(batch, model, attitude)
+            self._look_ahead(batch, model.anywhere, attitude)
         self._look = look
         if look is not None:
-            look(self.launch(), self.observe(self.launch()), self._extremes[:1])
+            look(self.launch(), self.observe(self.launch()), self._extremes)
+
+    def _look_ahead(self, batch: Batch, anywhere: Model, attitude: bool) -> None:
+        """Integrate the run to its end, and begin anew in other variables if it fails.
+
+        What it has stored until then is kept for later, unless it is too much.
+        """
+        ended = self.ended
+        status = Status.OK
+        too_long = False
+        while not ended:
+            stretch = self._integrate()
+            ended = stretch.ended
+            status = stretch.status
+            self._ahead.append(stretch)
+            if len(self._ahead) > MOST_AHEAD:
+                too_long = True
+                self._ahead.clear()
+        if status in batches.FAILED:
+            self._start(batches.anywhere(batch), anywhere, attitude)
+        elif too_long:
+            self._start(batch, self.model, attitude)
 
     def _start(self, batch: Batch, model: Model, attitude: bool) -> None:
         """Load the kernels of a model, and begin the run at its launch."""
@@ -314,61 +344,47 @@ class Follower:
         self._models = [model, ATTITUDES[model.name]] if attitude else [model]
         rimmed = batches.can_reach_rim(batch, model)
         rim = ("rimmed",) if rimmed else ()
+        record: Order = (steps_recipe, model.name, tableau.adaptive, *rim)
+        look: Order = (observe_recipe, model.name)
+        decide: Order = (batches.decide_closely, tableau.adaptive)
+        orders = [record, look, decide]
+        parts: list[list[Order]] = []
+        states: list[Order] = []
+        for each in self._models:
+            own: list[Order] = [(batches.attempt, tableau.name, each.name), decide]
+            if each.slide is not None:
+                own.append((batches.slide_lanes, each.name, *rim))
+            parts.append(own)
+            states.append((states_recipe, each.name))
+            orders += [*own, states[-1]]
         # Loaded together, so that they are compiled in parallel.
-        self._kernel, self._observe, decision, *others = load_kernels(
-            (steps_recipe, model.name, tableau.adaptive, *rim),
-            (observe_recipe, model.name),
-            (batches.decide_closely, tableau.adaptive),
-            *((batches.attempt, tableau.name, each.name) for each in self._models),
-            *((states_recipe, each.name) for each in self._models),
-            *(
-                (batches.slide_lanes, each.name, *rim)
-                for each in self._models
-                if each.slide
-            ),
-        )
-        count = len(self._models)
-        steps = others[:count]
-        self._states = others[count : 2 * count]
-        slides = others[2 * count :]
-        self._parts = [addresses_of(step, decision) for step in steps]
-        if slides:
-            self._parts = [
-                addresses_of(step, decision, slide)
-                for step, slide in zip(steps, slides, strict=True)
-            ]
+        loaded = dict(zip(orders, load_kernels(*orders), strict=True))
+        self._kernel = loaded[record]
+        self._observe = loaded[look]
+        self._states = [loaded[order] for order in states]
+        self._parts = [addresses_of(*(loaded[order] for order in own)) for own in parts]
         # No window ends, so no amplitudes are compared.
-        endless = replace(batch, window=np.full(1, 1e290), first_mark=np.full(1, 1e290))
+        endless = replace(
+            batch, window=np.full(1, NEVER), first_comparison=np.full(1, NEVER)
+        )
         self._run = (
             batches.problem_of(model, tableau.adaptive, rimmed=rimmed),
             self._parts[0],
             batches.workspace(tableau, model, 1)[0],
-            *batches.run_arrays(
-                endless, tableau, *self._settings, longest_step=self._longest_step
+            batches.inputs_of(
+                endless, tableau, self._tol, self._dt, longest_step=self._longest_step
             ),
-            np.zeros((1, *runs.SHAPES.reversals)),
-            self._contact,
+            batches.options_of(tableau, self._tol, self._dt, self._max_steps),
+            batches.recording_of(1, self._recorded),
         )
-        self._counts = np.zeros(N_COUNTS, dtype=np.int64)
-        self._energies = np.zeros(2)
-        self._zeros = np.zeros(MOST_ZEROS)
-        # The first reversal of a call may belong to a zero of the call before.
-        self._turns = np.zeros(MOST_ZEROS + 1)
-        self._extremes = np.zeros((1 + STEPS_PER_CALL, 2))
-        self._outputs = (
-            self._zeros,
-            self._turns,
-            self._counts,
-            self._energies,
-            self._extremes,
-        )
-        # Row 0 is where the last call ended.  The first call only stores the launch
-        # there.
-        width = STATE + 2 * model.n_state + N_SLIP
-        self._table = np.zeros((1 + STEPS_PER_CALL, width))
-        self._kernel(*self._run, self._table[:1], *self._outputs)
-        self._rows = 1
-        self.energy_0 = float(self._energies[FIRST])
+        # Columns of the table of steps.
+        self._width = STATE + 2 * model.n_state + N_SLIP
+        # Stretches of the run that are known already.
+        self._ahead = deque[Stretch]()
+        launch, stored = self._call(1, begins=True)
+        self._table = launch.steps
+        self._extremes = launch.extremes
+        self.energy_0 = stored.energy_0
         self._extra = np.zeros((1, self._models[-1].n_extra))
         self._in_any_position = attitude and model.surface is None
         if self._in_any_position:
@@ -390,7 +406,7 @@ class Follower:
         if self.ended:
             return self._samples(0, 0)
         self._continue()
-        return self._samples(1, self._rows)
+        return self._samples(1, len(self._table))
 
     def observe(self, samples: Samples) -> Floats:
         """Return spin, energy minus work, normal and tangential force, shape (4, rows).
@@ -410,7 +426,7 @@ class Follower:
 
     def lengths(self) -> Floats:
         """Return the lengths of the steps that the last call continued by."""
-        table = self._table[: self._rows]
+        table = self._table
         lengths: Floats = np.diff(table[:, T]) - np.diff(table[:, T_LOW])
         return lengths
 
@@ -437,29 +453,22 @@ class Follower:
 
         Times after the end of the run are left out.
         """
-        y = np.empty((len(times), self._batch.y0.shape[1]))
-        slip = np.empty((len(times), N_SLIP))
-        sense = np.empty(len(times))
-        extra = np.empty((len(times), self._extra.shape[1]))
+        pieces = [self._samples(0, 0)]
         done = 0
         while done < len(times):
-            ends = self._table[: self._rows, T]
+            ends = self._table[:, T]
             upto = int(np.searchsorted(times, ends[-1], side="right"))
             if upto > done:
                 wanted = times[done:upto]
                 which = np.maximum(np.searchsorted(ends, wanted, side="left") - 1, 0)
                 offset = (wanted - ends[which]) + self._table[which, T_LOW]
-                samples = self.within(which, offset)
-                y[done:upto] = samples.y
-                slip[done:upto] = samples.slip
-                sense[done:upto] = samples.sense
-                extra[done:upto] = samples.extra
+                pieces.append(replace(self.within(which, offset), t=wanted))
                 done = upto
             elif self.ended:
                 break
             else:
                 self._continue()
-        return Samples(times[:done], y[:done], slip[:done], sense[:done], extra[:done])
+        return Samples.joined(pieces)
 
     def _samples(self, first: int, last: int) -> Samples:
         """Return rows of the table of steps."""
@@ -480,7 +489,6 @@ class Follower:
     ) -> tuple[Floats, Floats]:
         """Return states and slips of a model at some times after rows of the table."""
         model = self._models[place]
-        tol, _, _ = self._settings
         out = np.empty((len(which), model.n_state + N_SLIP))
         self._states[place](
             batches.problem_of(model, True),
@@ -491,7 +499,7 @@ class Follower:
             offset,
             self._batch.constants[0].copy(),
             self.swing,
-            1.0 / tol**2,
+            1.0 / self._tol**2,
             out,
         )
         return out[:, : model.n_state], out[:, model.n_state :]
@@ -516,19 +524,47 @@ class Follower:
         ]
         return y[:, n_given:], ends[:, :3], 0.5 * offset * (spins[0] + spins[1])
 
+    def _call(self, rows: int, *, begins: bool) -> tuple[Stretch, Stored]:
+        """Begin or continue the run, for a number of rows of the table of steps."""
+        steps = np.zeros((rows, self._width))
+        extremes = np.zeros((rows, 2))
+        zeros = np.zeros(MOST_ZEROS)
+        # The first reversal of a call may belong to a zero of the call before.
+        turns = np.zeros(MOST_ZEROS + 1)
+        tables = steps, extremes, zeros, turns
+        stored = cast(Stored, self._kernel(*self._run, begins, *tables))
+        stretch = Stretch(
+            steps=steps[: stored.rows],
+            extremes=extremes[: stored.rows],
+            zeros=zeros[: stored.zeros].tolist(),
+            turns=turns[: stored.turns].tolist(),
+            ended=bool(stored.ended),
+            status=Status(stored.status),
+        )
+        return stretch, stored
+
+    def _integrate(self) -> Stretch:
+        """Return the next stretch of the run."""
+        stretch, stored = self._call(1 + STEPS_PER_CALL, begins=False)
+        if stretch.ended and stretch.status == Status.OK:
+            drift = (stored.energy - stored.energy_0) / stored.energy_0
+            status = self._trusted(drift, float(stretch.steps[-1, T]))
+            stretch = replace(stretch, status=status)
+        return stretch
+
     def _continue(self) -> None:
-        """Fill the table with the next steps."""
-        table = self._table
-        counts = self._counts
-        self._kernel(*self._run, table, *self._outputs)
-        rows = 1 + int(counts[N_STEPS])
-        self._rows = rows
-        self.n_steps += int(counts[N_STEPS]) * batches.stride(self._tableau)
-        self.zeros += self._zeros[: counts[N_ZEROS]].tolist()
-        self.reversals += self._turns[: counts[N_TURNS]].tolist()
-        self.t = float(table[rows - 1, T])
-        self.ended = bool(counts[ENDED])
-        self.status = Status(int(counts[STATUS]))
+        """Go on to the next stretch."""
+        stretch = self._ahead.popleft() if self._ahead else self._integrate()
+        table = stretch.steps
+        rows = len(table)
+        self._table = table
+        self._extremes = stretch.extremes
+        self.n_steps += (rows - 1) * batches.stride(self._tableau)
+        self.zeros += stretch.zeros
+        self.reversals += stretch.turns
+        self.t = float(table[-1, T])
+        self.ended = stretch.ended
+        self.status = stretch.status
         base = self._extra[-1]
         self._extra = np.repeat(base[None], rows, axis=0)
         if self._in_any_position:
@@ -539,22 +575,21 @@ class Follower:
             self._extra[1:, 0] = base[0] + np.cumsum(moved[:, 0])
             turned = _rotated(self._extra[:-1, 0], moved[:, 1:])
             self._extra[1:, 1:] = base[1:] + np.cumsum(turned, axis=0)
-        if self.ended and self.status == Status.OK:
-            self._check_accuracy()
         if self._look is not None:
             samples = self._samples(1, rows)
-            self._look(samples, self.observe(samples), self._extremes[1:rows])
+            self._look(samples, self.observe(samples), stretch.extremes[1:])
 
-    def _check_accuracy(self) -> None:
-        """Set the status that a sweep gives to a run that cannot be trusted."""
-        drift = (float(self._energies[LAST]) - self.energy_0) / self.energy_0
+    def _trusted(self, drift: float, t_end: float) -> Status:
+        """Return the status that a sweep gives to a run that has reached its end."""
         if not abs(drift) <= runs.MAX_ENERGY_DRIFT:
-            self.status = Status.ENERGY if np.isfinite(drift) else Status.NONFINITE
-        elif not self._tableau.adaptive:
-            coarse = batches.is_coarse(
-                self._tableau, self._dt, self._batch.relevant, self.t
-            )
-            self.status = Status.COARSE if coarse[0] else Status.OK
+            return Status.ENERGY if np.isfinite(drift) else Status.NONFINITE
+        tableau = self._tableau
+        relevant = self._batch.relevant
+        if tableau.adaptive or not batches.is_coarse(
+            tableau, self._dt, relevant, t_end
+        ):
+            return Status.OK
+        return Status.COARSE
 
 
 def _rotated(heading: Floats, move: Floats) -> Floats:

@@ -51,10 +51,10 @@ def load_kernel(config: Config) -> None:
         return
     method = config.integrator.method
     model = model_of(config).name
-    integration.kernel(method, model, config.record)
+    integration.threaded_kernel(method, model, config.record)
     if "error" in config.record:
         # Companions record nothing.
-        integration.kernel(method, model)
+        integration.threaded_kernel(method, model)
 
 
 def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> Prepared:

@@ -46,7 +46,7 @@ def _batch(n_i, t_end, **own):
     return batch.Batch(
         t_end=t_end,
         window=t_end / N_WINDOWS,
-        first_mark=t_end,
+        first_comparison=t_end,
         scale=np.abs(n_i),
         tapped=np.zeros(len(t_end), bool),
         **own,

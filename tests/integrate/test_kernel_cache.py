@@ -78,10 +78,10 @@ def test_a_kernel_is_compiled_by_another_process_and_found_again(place):
 FOUND = """
 import json
 from rattlesweep.integrate import batch, compile
-from rattlesweep.integrate.batch import kernel, load_kernels
+from rattlesweep.integrate.batch import load_kernels, threaded_kernel
 heard = []
 with compile.listening(heard.append):
-    kernel("dop853", "full")
+    threaded_kernel("dop853", "full")
 hits = {
     order[0].__name__: len(compiled.stats.cache_hits)
     for order, compiled in compile._loaded.items()
@@ -91,7 +91,7 @@ print(json.dumps([heard, hits]))
 
 
 def test_the_next_process_finds_all_parts_of_a_kernel():
-    batch.kernel("dop853", "full")
+    batch.threaded_kernel("dop853", "full")
     heard, hits = json.loads(python(FOUND).stdout)
     assert heard == []
     assert {"work", "attempt", "drive"} <= hits.keys()

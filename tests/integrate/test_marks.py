@@ -20,7 +20,7 @@ T_HALF = frozenset(["t_half"])
 )
 def test_the_time_of_half_the_spin_is_that_of_scipy(n_i, push):
     runs = kernels.full_batch(GH, n_i, push, t_end=300.0)
-    (got,) = integrate(runs, DOP853, FULL, tol=1e-11, record=T_HALF).t_half
+    (got,) = integrate(runs, DOP853, FULL, tol=1e-11, record=T_HALF).mark("t_half")
     y0 = oracle.launch(GH, n_i, push, oracle.relevant_psi(GH, n_i))
     solved = solve_ivp(
         oracle.rhs,
@@ -40,7 +40,7 @@ def test_a_mark_is_null_without_spin_and_where_it_is_not_reached():
     horizons = [30.0, 30.0, 300.0]
     runs = kernels.full_batch(GH, [0.0, 0.1, 0.1], [0.1, 1e-4, 0.01], t_end=horizons)
     out = integrate(runs, DOP853, FULL, record=T_HALF)
-    assert np.isnan(out.t_half).tolist() == [True, True, False]
+    assert np.isnan(out.mark("t_half")).tolist() == [True, True, False]
 
 
 def test_half_the_spin_comes_before_the_reversal():
@@ -50,5 +50,7 @@ def test_half_the_spin_comes_before_the_reversal():
     plain = integrate(runs, DOP853, FULL, record=T_HALF)
     reverses = np.isfinite(plain.t_r)
     assert reverses.sum() > 40
-    assert (plain.t_half[reverses] < plain.t_r[reverses]).all()
-    np.testing.assert_array_equal(out.t_half[reverses], plain.t_half[reverses])
+    assert (plain.mark("t_half")[reverses] < plain.t_r[reverses]).all()
+    np.testing.assert_array_equal(
+        out.mark("t_half")[reverses], plain.mark("t_half")[reverses]
+    )

@@ -11,7 +11,7 @@ import kernels
 import pytest
 from numba import float64, typeof
 
-from rattlesweep.integrate.lanes import kernel, runs
+from rattlesweep.integrate.lanes import kernel, runs, tangents
 from rattlesweep.integrate.model import MODELS, TANGENT
 from rattlesweep.integrate.tableau import METHODS
 
@@ -45,10 +45,9 @@ PIECES = {
     "decide": (kernel.decide, (float64[::1], float64, float64)),
     "commit": (kernel.commit, (float64[::1],)),
     "advance": (runs.advance, (float64[::1],)),
-    "advance_tangent": (runs.advance_tangent, (float64[::1],)),
+    "advance_tangent": (tangents.advance_tangent, (float64[::1],)),
     "observe_contact": (runs.observe_contact, (float64[::1],)),
     "observe_spin": (runs.observe_spin, (float64[::1],)),
-    "observe_limit": (runs.observe_limit, (float64[::1],)),
 }
 
 

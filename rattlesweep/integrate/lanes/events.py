@@ -13,17 +13,16 @@ Any smooth function of the state can be searched: all that a search needs is a
 :class:`~rattlesweep.integrate.lanes.lane.Point` of it at both ends of the step, with
 its rate or a difference along the flow.  The functions are
 
-- the limit of the model, which is positive where the model holds: ``Model.limit``,
-  whose first zero ends the run there with the status ``LIMIT``, and ``Outcome.y_end``
-  is the state from which another model goes on; or, in a model that slides
-  (`lanes.slides`), what is left of the friction, and in a slide of the normal force;
+- the limit of the mode in which the lane is (`lanes.modes`), whose first zero ends the
+  step; or ``Model.limit``, which is positive where the model holds: its first zero ends
+  the run there with the status ``LIMIT``, and ``Outcome.y_end`` is the state from which
+  another model goes on;
 - the spin, whose zeros are reversals;
 - what the spin lacks of a modulus that is awaited, as zeros of a tap count only after
   it has been reached, and a turn is complete there.  Only the order of this and of
   zeros matters, so it is enough to know the piece or a point beyond;
-- the ratio of the contact forces, the normal force and the modulus of the spin after a
-  reversal, of which the largest or least value is searched, once it is known how the
-  step ends;
+- those of `lanes.extremes`, of which the largest value is searched, once it is known
+  how the step ends;
 - marks (`lanes.marks`), whose first zeros are searched then, too.
 """
 
@@ -32,20 +31,29 @@ from math import ceil, floor, sqrt
 
 from numba import njit
 
-from rattlesweep.integrate.lanes.lane import INNER, SMOOTH, Lane, Point
+from rattlesweep.integrate.lanes.extremes import (
+    EXTREMES,
+    height,
+    keep_of,
+    may_dip,
+    may_exceed_of,
+    may_fall,
+    points_of,
+)
+from rattlesweep.integrate.lanes.lane import INNER, NEVER, PIVOTING, Lane, Point
 from rattlesweep.integrate.lanes.marks import MARKS, value_of
 from rattlesweep.physics.full import scalar
 
-# Modes of a lane.
+# States of the search of a lane.
 STEP, SCAN, MINIMUM, ROOT, REDO, PEAK, RETAKE = range(7)
 # The functions, in the order in which they are searched.
-SPIN, LIMIT, FAR, RATIO, LIFT, TURN, FIRST_MARK = range(7)
+SPIN, LIMIT, FAR, FIRST_EXTREME = range(4)
+FIRST_MARK = FIRST_EXTREME + len(EXTREMES)
 N_FUNCTIONS = FIRST_MARK + len(MARKS)
 # Moves of the search: go back and try ``lane.h_next``, accept the step just tried,
 # accept it as a step that ends at a zero; or the spin is as far as awaited in the step,
 # and the search goes on behind that.
 HOLD, TAKE, REVERSED, ARRIVED = 0, 1, 2, 4
-NEVER = 1e290  # a modulus that no spin reaches
 PIECE_ANGLE = 0.5  # longest piece, in radians of the fastest swing
 # Where the awaited modulus is small beside the swing, pieces are shorter: no piece may
 # have a zero and, between its ends, a spin that is far.
@@ -63,9 +71,6 @@ _KNOWN = 3
 # An extreme is taken from the cubic through both ends of its bracket if it is higher
 # than them by less than this share; the cubic is then right to a tenth of that.
 RISE = 2e-4
-# Share of its height above the ends by which the cubic may be wrong in a whole step.
-SLACK = 0.2
-FINE = 1e-5  # smallest relative excess over the largest value so far that counts
 MAX_PEAK_TRIES = 12.0
 
 
@@ -123,7 +128,8 @@ def may_be_far(lane):  # type: ignore[no-untyped-def]
 @scalar
 def counts_zeros(lane):  # type: ignore[no-untyped-def]
     """Return whether zeros of the spin are events within a smooth motion."""
-    return (lane.arm == 0.0) & (lane.spin_ends == SMOOTH)
+    # Otherwise they are ends of modes.
+    return (lane.arm == 0.0) & (lane.mode < PIVOTING)
 
 
 @njit(**INNER)
@@ -148,21 +154,21 @@ def _lacking(lane, point):  # type: ignore[no-untyped-def]
 @njit(**INNER)
 def search(lane: Lane, start: Point, tried: Point) -> int:
     """Make one move of the search for a zero, after each step tried on the lane."""
-    if lane.mode == REDO:
-        lane.mode = STEP
+    if lane.search == REDO:
+        lane.search = STEP
         lane.h_next = lane.full_next
         return TAKE
-    if lane.mode == ROOT:
+    if lane.search == ROOT:
         return _polish(lane, tried)
-    if lane.mode == MINIMUM:
+    if lane.search == MINIMUM:
         return _close_in(lane, tried)
-    if lane.mode == STEP:
+    if lane.search == STEP:
         lane.full = tried
         lane.full_next = lane.h_next
         lane.pieces = _pieces(lane)
         lane.piece = 1.0
         lane.lo = start
-        lane.mode = SCAN
+        lane.search = SCAN
         if lane.pieces > 1.0:
             lane.h_next = tried.h / lane.pieces
             return HOLD
@@ -182,7 +188,7 @@ def search_limit(lane: Lane) -> int:
     if move == REVERSED:
         # What is searched next is searched in the step to this zero.
         lane.h_limit = lane.h
-        lane.mode = STEP
+        lane.search = STEP
         return TAKE
     return move
 
@@ -190,9 +196,9 @@ def search_limit(lane: Lane) -> int:
 @njit(**INNER)
 def search_on(lane: Lane, h: float) -> int:
     """Search the step on after the zero at ``h``, or where the spin is far."""
-    if lane.mode == ROOT:
+    if lane.search == ROOT:
         lane.sign = -lane.sign
-        lane.mode = SCAN
+        lane.search = SCAN
         lane.lo = lane.beyond
         pieces = _pieces(lane)
         if pieces > lane.pieces:
@@ -242,7 +248,7 @@ def _next_piece(lane: Lane, tried: float) -> int:
     """
     lane.lo = lane.end
     lane.piece += 1.0
-    lane.mode = SCAN
+    lane.search = SCAN
     if lane.piece < lane.pieces:
         lane.h_next = lane.full.h * (lane.piece / lane.pieces)
         return HOLD
@@ -251,10 +257,10 @@ def _next_piece(lane: Lane, tried: float) -> int:
         lane.end = lane.full
         return _KNOWN
     if tried == lane.full.h:
-        lane.mode = STEP
+        lane.search = STEP
         lane.h_next = lane.full_next
         return TAKE
-    lane.mode = REDO
+    lane.search = REDO
     lane.h_next = lane.full.h
     return HOLD
 
@@ -263,7 +269,7 @@ def _next_piece(lane: Lane, tried: float) -> int:
 def _arrive(lane: Lane, point: Point) -> int:
     """Let the search go on from a point at which the spin is as far as awaited."""
     lane.searched = SPIN
-    lane.mode = SCAN
+    lane.search = SCAN
     lane.lo = point
     return ARRIVED
 
@@ -271,7 +277,7 @@ def _arrive(lane: Lane, point: Point) -> int:
 @njit(**INNER)
 def _start_minimum(lane: Lane) -> int:
     """Start the search for a minimum between LO and HI."""
-    lane.mode = MINIMUM
+    lane.search = MINIMUM
     lane.tries = 0.0
     lane.h_next = _towards_extremum(lane)
     return HOLD
@@ -335,7 +341,7 @@ def _secant(lane: Lane) -> float:
 def _start_root(lane: Lane) -> int:
     """Start Newton's method for the zero between LO and HI, with a secant."""
     lane.beyond = lane.hi
-    lane.mode = ROOT
+    lane.search = ROOT
     lane.tries = 0.0
     lane.h_next = _secant(lane)
     return HOLD
@@ -378,75 +384,23 @@ def _polish(lane: Lane, tried: Point) -> int:
 # Extremes.
 
 
-@scalar
-def height(start, end):  # type: ignore[no-untyped-def]
-    """Return the largest value between two points, first rising, then falling."""
-    length = end.h - start.h
-    rise = length * start.rate
-    fall = length * end.rate
-    step = end.value - start.value
-    # The cubic through both ends, at the place where the secant of the rates is zero.
-    share = rise / (rise - fall)
-    cubic = rise + fall - 2.0 * step
-    return start.value + share * (rise + share * (step - rise - cubic + share * cubic))
-
-
-@scalar
-def may_peak(start, end, largest):  # type: ignore[no-untyped-def]
-    """Return whether a function may exceed its largest value between two points."""
-    top = height(start, end)
-    ends = end.value if end.value > start.value else start.value
-    peak = (start.rate > 0.0) & (end.rate < 0.0)
-    return peak & (top + SLACK * (top - ends) > largest + FINE * abs(largest))
-
-
-@scalar
-def may_dip(start, end):  # type: ignore[no-untyped-def]
-    """Return whether a function may fall below zero between two points."""
-    below = Point(start.h, -start.value, -start.rate)
-    return may_peak(below, Point(end.h, -end.value, -end.rate), 0.0)
-
-
-@scalar
-def may_fall(start, end):  # type: ignore[no-untyped-def]
-    """Return whether a positive function may fall to zero between two points."""
-    return (end.value <= 0.0) | may_dip(start, end)
-
-
-@scalar
-def turn_points(lane):  # type: ignore[no-untyped-def]
-    """Return the spin at both ends of the step, positive at the second."""
-    side = 1.0 if lane.n1 > 0.0 else -1.0
-    start = Point(0.0, side * lane.n0, side * lane.rate0)
-    return start, Point(lane.h, side * lane.n1, side * lane.rate1)
-
-
-@scalar
-def least_turn(lane):  # type: ignore[no-untyped-def]
-    """Return the modulus that the spin must exceed to be the largest of its turn."""
-    after = lane.n_after
-    # Before the first turn and between a zero and the next turn there is none.
-    in_turn = (lane.reversals > 0.0) & (lane.t_pending < 0.0)
-    return after if in_turn else NEVER
-
-
 @njit(**INNER)
 def search_peaks(lane: Lane) -> int:
     """Make one move of the search for extremes in a step that is to be taken.
 
     The first move follows the try of that step, the last one its repetition.
     """
-    if lane.mode == PEAK:
+    if lane.search == PEAK:
         if not (_try_mark(lane) if lane.searched >= FIRST_MARK else _climb(lane)):
             # The step to take is tried again, since its end has been overwritten.
-            lane.mode = RETAKE
+            lane.search = RETAKE
             lane.h_next = lane.full.h
         return HOLD
-    if lane.mode == RETAKE:
+    if lane.search == RETAKE:
         lane.searched += 1.0
         lane.h_next = lane.full_next
     else:
-        lane.searched = RATIO
+        lane.searched = FIRST_EXTREME
         lane.full = Point(lane.h, 0.0, 0.0)
         lane.full_next = lane.h_next
     while lane.searched < N_FUNCTIONS:
@@ -457,14 +411,14 @@ def search_peaks(lane: Lane) -> int:
             return HOLD
         lane.searched += 1.0
     lane.searched = SPIN
-    lane.mode = STEP
+    lane.search = STEP
     return int(lane.move)
 
 
 @njit(**INNER)
 def _climb(lane: Lane) -> bool:
     """Narrow LO..HI by the point just tried; return whether there is a next one."""
-    tried = _peak_end(lane)
+    _, tried = points_of(int(lane.searched) - FIRST_EXTREME, lane)
     if tried.rate > 0.0:
         lane.lo = tried
     else:
@@ -474,48 +428,24 @@ def _climb(lane: Lane) -> bool:
 
 
 @njit(**INNER)
-def _peak_end(lane: Lane) -> Point:
-    """Return the function at the end of the step just tried."""
-    if lane.searched == RATIO:
-        return lane.ratio1
-    if lane.searched == LIFT:
-        return lane.lift1
-    _, end = turn_points(lane)
-    return end
-
-
-@njit(**INNER)
 def _bracket_peak(lane: Lane) -> bool:
     """Return whether the function may have a new extreme in the step LO..HI."""
+    k = int(lane.searched) - FIRST_EXTREME
     lane.tries = 0.0
-    lane.hi = _peak_end(lane)
-    if lane.searched == RATIO:
-        lane.lo = lane.ratio0
-        rolls = lane.lift0.value < 0.0 and lane.lift1.value < 0.0
-        return rolls and may_peak(lane.lo, lane.hi, lane.ratio_max)
-    if lane.searched == LIFT:
-        lane.lo = lane.lift0
-        return may_peak(lane.lo, lane.hi, -lane.normal_min)
-    lane.lo, _ = turn_points(lane)
-    return lane.lo.value > 0.0 and may_peak(lane.lo, lane.hi, least_turn(lane))
+    lane.lo, lane.hi = points_of(k, lane)
+    return bool(may_exceed_of(k, lane))
 
 
 @njit(**INNER)
 def _try_peak(lane: Lane) -> bool:
-    """Set the next point to try, or note the extreme in LO..HI once it is known."""
+    """Set the next point to try, or keep the extreme in LO..HI once it is known."""
     top = height(lane.lo, lane.hi)
     ends = max(lane.lo.value, lane.hi.value)
     if top - ends > RISE * abs(top) and lane.tries < MAX_PEAK_TRIES:
-        lane.mode = PEAK
+        lane.search = PEAK
         lane.h_next = _towards_extremum(lane)
         return True
-    top = max(top, ends)
-    if lane.searched == RATIO:
-        lane.ratio_max = max(lane.ratio_max, top)
-    elif lane.searched == LIFT:
-        lane.normal_min = min(lane.normal_min, -top)
-    else:
-        lane.n_peak = max(lane.n_peak, top)
+    keep_of(int(lane.searched) - FIRST_EXTREME, lane, max(top, ends))
     return False
 
 
@@ -548,7 +478,7 @@ def _bracket_mark(lane: Lane) -> bool:
     if not may_fall(lane.lo, lane.hi):
         # The step ends earlier than the one that was observed.
         return False
-    lane.mode = PEAK
+    lane.search = PEAK
     lane.h_next = _secant(lane) if lane.hi.value <= 0.0 else _towards_extremum(lane)
     return True
 

@@ -17,6 +17,7 @@ trajectories (`follow.record_steps`) are made of the same turns: :func:`try_step
 
 # mypy: ignore-errors
 from math import isfinite, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -35,7 +36,8 @@ from rattlesweep.integrate.lanes.events import (
 from rattlesweep.integrate.lanes.lane import (
     HELD,
     INNER,
-    TURNS,
+    NEVER,
+    PIVOTING,
     Point,
     call,
     call_for_pair,
@@ -50,17 +52,24 @@ OK = int(Status.OK)
 NONFINITE = int(Status.NONFINITE)
 STEP_LIMIT = int(Status.STEP_LIMIT)
 STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
-LIMIT = int(Status.LIMIT)
+AT_LIMIT = int(Status.LIMIT)
 RIM = int(Status.RIM)
+
+
+class Options(NamedTuple):
+    """How a kernel integrates."""
+
+    scale: float  # 1 / tol^2
+    fixed_step: float  # of SUBSTEPS substeps
+    most_steps: float
+
+
 # Indices into ``parts``: the addresses of ``attempt``, of :func:`decide_closely` and,
 # for a model that slides, of :func:`slides.slide_lanes`.
 ATTEMPT, DECIDE, SLIDE = 0, 1, 2
 # Stages of :func:`decide_closely`: the zeros in a step tried, those after an event that
 # was found in it, the extremes in a step that is to be taken.
 ZEROS, AFTER_EVENT, PEAKS = 0, 1, 2
-# Columns of ``options``: 1 / tol^2, fixed step, most steps (of SUBSTEPS substeps each
-# if the step is fixed).
-SCALE, FIXED_STEP, MOST_STEPS = range(3)
 # Columns of ``progress``, which each thread writes in its row: the expected cost of its
 # runs that have ended, the part done of the expected cost of those in its lanes, the
 # number of runs that have ended.
@@ -85,9 +94,26 @@ OFFSET = np.uint64((1023 << 52) - (1023 << 46))
 
 @njit(**INNER)
 def ends_at_limit(lane, move):
-    """Return whether a step that is taken ends where the model does."""
+    """Return whether a step that is taken ends at the limit of its mode."""
     # A last step of a fixed method may have the size zero, which is no limit found.
     return move == TAKE and lane.h_limit > 0.0 and lane.h == lane.h_limit
+
+
+@njit(**INNER)
+def reject(problem, lane, max_steps):
+    """Let the step just tried be tried again, and shorter; return a status."""
+    lane.rejected += 1.0
+    lane.held = 1.0
+    # If the error is NaN, this comparison is false, and the step shrinks by SHRINK.
+    ratio = SAFETY_REJECTED / sqrt(sqrt(sqrt(sqrt(lane.error + LEAST_ERROR))))
+    lane.h_next = lane.h * (ratio if ratio > SHRINK else SHRINK)
+    if not problem.adaptive:
+        return NONFINITE
+    if lane.steps + lane.rejected >= max_steps:
+        return STEP_LIMIT
+    if lane.h * lane.swing < LEAST_ANGLE:
+        return STEP_TOO_SMALL if isfinite(lane.error) else NONFINITE
+    return OK
 
 
 def decide_closely(problem, w, l, max_steps, stage):
@@ -98,34 +124,19 @@ def decide_closely(problem, w, l, max_steps, stage):
     zero of the spin), or ARRIVED (the spin is as far as awaited within the step).
     """
     lane = lane_of(problem, w, l)
-    if stage == PEAKS:
-        move = events.search_peaks(lane)
-        lane.accept = 0.0 if move == HOLD else 1.0
-        return LIMIT if ends_at_limit(lane, move) else OK, move
-    if stage == ZEROS and lane.mode == STEP and lane.accept == 0.0:
-        lane.rejected += 1.0
-        lane.held = 1.0
-        # If the error is NaN, the comparison below is false, and the step shrinks by
-        # SHRINK.
-        ratio = SAFETY_REJECTED / sqrt(sqrt(sqrt(sqrt(lane.error + LEAST_ERROR))))
-        lane.h_next = lane.h * (ratio if ratio > SHRINK else SHRINK)
-        status = OK
-        if not problem.adaptive:
-            status = NONFINITE
-        elif lane.steps + lane.rejected >= max_steps:
-            status = STEP_LIMIT
-        elif lane.h * lane.swing < LEAST_ANGLE:
-            status = STEP_TOO_SMALL if isfinite(lane.error) else NONFINITE
-        return status, HOLD
-    if stage == AFTER_EVENT:
+    if stage == ZEROS and lane.search == STEP and lane.accept == 0.0:
+        return reject(problem, lane, max_steps), HOLD
+    if stage == ZEROS:
+        move = search_zeros(lane)
+    elif stage == AFTER_EVENT:
         move = events.search_on(lane, lane.h)
     else:
-        move = search_zeros(lane)
+        move = events.search_peaks(lane)
     lane.accept = 0.0 if move == HOLD else 1.0
     if move == HOLD:
         return OK, HOLD
     if ends_at_limit(lane, move):
-        return LIMIT, TAKE
+        return AT_LIMIT, TAKE
     return STEP_LIMIT if lane.steps >= max_steps else OK, move
 
 
@@ -133,20 +144,20 @@ def decide_closely(problem, w, l, max_steps, stage):
 def search_zeros(lane):
     """Make one move of the searches for zeros in the step just tried."""
     move = TAKE
-    if lane.mode == STEP:
+    if lane.search == STEP:
         lane.h_limit = 0.0
         if lane.arm > 0.0:
             # No zero counts yet; UNKNOWN_RATE makes every step due (`may_reverse`).
             lane.rate_max = runs.UNKNOWN_RATE
             lane.far_rate = max(0.9 * lane.far_rate, abs(lane.rate1))
     reverses = may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
-    leaves = lane.leaves > 0.0 or (lane.spin_ends == TURNS and reverses)
-    if lane.searched == events.LIMIT or (lane.mode == STEP and leaves):
+    leaves = lane.leaves > 0.0 or (lane.mode == PIVOTING and reverses)
+    if lane.searched == events.LIMIT or (lane.search == STEP and leaves):
         move = events.search_limit(lane)
     if move != TAKE:
         return move
     crosses = reverses and events.counts_zeros(lane) and lane.sign != 0.0
-    if lane.mode == STEP and not crosses and not may_be_far(lane):
+    if lane.search == STEP and not crosses and not may_be_far(lane):
         return TAKE
     start = Point(0.0, lane.n0, lane.rate0)
     return events.search(lane, start, Point(lane.h, lane.n1, lane.rate1))
@@ -187,12 +198,12 @@ def decide(problem, w, dt, max_steps):
         if problem.model.n_tangents > 1:
             reverses &= lane.sign != 0.0
         if problem.pivots:
-            reverses &= lane.spin_ends != HELD
+            reverses &= lane.mode != HELD
         # With 'or' instead of '|' the later operands would be loaded under a mask.
         due = (
             reverses
             | (lane.last > 0.0)
-            | (lane.mode > 0.0)
+            | (lane.search > 0.0)
             | (lane.t + h >= lane.next)
             | (lane.steps >= max_steps)
             | (lane.watched > 0.0)
@@ -211,7 +222,9 @@ def commit(problem, w):
     No load or store is masked, as masked ones are slow with AVX2.
     """
     widest_vectors()
-    problem.hooks.advance(problem, w)
+    runs.advance(problem, w)
+    problem.modes.advance(problem, w)
+    problem.tangents.advance(problem, w)
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         n1 = lane.n1
@@ -245,8 +258,8 @@ def commit(problem, w):
         # Steps of a search stay within the step it began with; others must not pass the
         # horizon.
         h_next = lane.h_next
-        searching = 1.0 if lane.mode > 0.0 else 0.0
-        left = (lane.t_end - lane.t) + 1e290 * searching
+        searching = 1.0 if lane.search > 0.0 else 0.0
+        left = (lane.t_end - lane.t) + NEVER * searching
         kept = lane.last * searching
         lane.last = 1.0 if h_next >= left else kept
         lane.h = left if h_next >= left else h_next
@@ -260,7 +273,7 @@ def watch(problem, w, recording):
         if lane.accept == 0.0:
             continue
         if recorded(recording.energy) and lane.energy0 > 0.0:
-            off = abs(problem.hooks.energy(lane) - lane.energy0)
+            off = abs(problem.modes.energy(lane) - lane.energy0)
             lane.drift_max = max(lane.drift_max, off / lane.energy0)
         if recorded(recording.contact):
             runs.note_contact(lane)
@@ -291,40 +304,42 @@ def is_watching(problem, recording):
 @njit(**INNER)
 def try_step(problem, parts, w, options, recording):
     """Try a step on every lane, decide on it, and return how many lanes are due."""
-    call(parts[ATTEMPT], (problem, w, options[SCALE]))
+    call(parts[ATTEMPT], (problem, w, options.scale))
     if problem.limited:
-        problem.hooks.observe_limit(problem, w)
+        problem.modes.observe_limit(problem, w)
     if recorded(recording.contact):
         runs.observe_contact(problem, w)
     if problem.slides:
         # Lanes that slide replace what was done to them.
-        arguments = problem, w, options[SCALE], recorded(recording.contact)
+        arguments = problem, w, options.scale, recorded(recording.contact)
         call(parts[SLIDE], arguments)
     if recorded(recording.reversals):
         runs.observe_spin(problem, w)
     if recorded(recording.marks):
         runs.observe_marks(problem, w, recording.marks)
-    return decide(problem, w, options[FIXED_STEP], options[MOST_STEPS])
+    return decide(problem, w, options.fixed_step, options.most_steps)
 
 
 @njit(**INNER)
 def look_closer(problem, parts, w, l, max_steps, recording):
     """Decide on the step tried on lane ``l``, which is due; return a status and a move.
 
-    At a limit the lane may change its way of moving.
+    At a limit the lane may change its mode.
     """
     lane = lane_of(problem, w, l)
-    if problem.hooks.left(lane, lane.y) <= 0.0:
+    if problem.modes.left(lane, lane.y) <= 0.0:
         # It was launched beyond the rim, and ends there.
-        lane.accept = lane.h = lane.last = 0.0
+        lane.accept = 0.0
+        lane.h = 0.0
+        lane.last = 0.0
         runs.hold_back(lane)
         return RIM, TAKE
     status, move = search_closely(problem, parts, w, l, max_steps, recording)
-    if status == LIMIT:
+    if status == AT_LIMIT:
         # The step ends before the horizon.
         lane.last = 0.0
     if status != OK or move != HOLD:
-        status, move = problem.hooks.change(lane, status, move, recording)
+        status, move = problem.modes.change(lane, status, move, recording)
     return status, move
 
 
@@ -332,10 +347,12 @@ def look_closer(problem, parts, w, l, max_steps, recording):
 def search_closely(problem, parts, w, l, max_steps, recording):
     """Search the step tried on lane ``l``; return a status and a move.
 
-    If :func:`runs.goes_on`, a run goes on after a zero of the spin.
+    First come zeros, which say where the step ends, and then, if it is taken, extremes
+    and marks within it.  If :func:`runs.goes_on`, a run goes on after a zero of the
+    spin.
     """
     lane = lane_of(problem, w, l)
-    if lane.mode < PEAK:
+    if lane.search < PEAK:
         status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, ZEROS))
         goes_on = runs.goes_on(problem, recording)
         while move == ARRIVED or (move == REVERSED and goes_on):
@@ -350,8 +367,9 @@ def search_closely(problem, parts, w, l, max_steps, recording):
         if move == TAKE and lane.t_zero >= 0.0 and not recorded(recording.reversals):
             # Only the first zero is asked for.
             lane.sign = 0.0
+        # What to return once the extremes are found.
         lane.move = move
-        if status not in (OK, LIMIT) or move == HOLD or lane.watched == 0.0:
+        if status not in (OK, AT_LIMIT) or move == HOLD or lane.watched == 0.0:
             return status, move
     status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, PEAKS))
     if recorded(recording.marks):
@@ -367,17 +385,17 @@ def under_way(problem, w, plan):
         lane = lane_of(problem, w, l)
         run = int(lane.run)
         if run >= 0:
-            share = min(1.0, lane.t / plan[run, runs.HORIZON])
-            done += share * plan[run, runs.COST]
+            share = min(1.0, lane.t / plan[run]["horizon"])
+            done += share * plan[run]["cost"]
     return done
 
 
 @njit(**INNER)
-def next_run(problem, lane, shared, order, y0, constants, probe, plan):
+def next_run(lane, shared, order, inputs):
     """Start the next run of the queue in a lane; return whether there was one."""
     place = fetch_add(shared, NEXT_PLACE, 1)
     if place < order.size:
-        problem.hooks.start(lane, order[place], y0, constants, probe, plan)
+        runs.start(lane, order[place], inputs)
         return True
     runs.idle(lane)
     return False
@@ -390,37 +408,24 @@ def work(
     w,
     shared,
     order,
-    y0,
-    constants,
-    probe,
-    plan,
+    inputs,
     options,
-    result,
-    counts,
     progress,
-    energy,
-    contact,
-    windows,
-    reversals,
-    volume,
-    lyapunov,
-    marks,
+    outputs,
+    recording,
 ):
     """Integrate runs of the queue in one thread, until it is empty or a stop is asked.
 
-    ``parts`` are addresses, ``w`` is the thread's workspace, ``order`` the queue, and
-    the last arguments are the arrays of a Recording.
+    ``parts`` are addresses, ``w`` is the thread's workspace, ``order`` the queue.
     """
     widest_vectors()
-    recording = runs.Recording(
-        energy, contact, windows, reversals, volume, lyapunov, marks
-    )
+    plan = inputs.plan
     watching = is_watching(problem, recording)
-    max_steps = options[MOST_STEPS]
+    max_steps = options.most_steps
     busy = 0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        if next_run(problem, lane, shared, order, y0, constants, probe, plan):
+        if next_run(lane, shared, order, inputs):
             busy += 1
     turns = 0
     while busy > 0:
@@ -440,22 +445,18 @@ def work(
                 t = lane.t + (lane.h - lane.t_low)
                 reversal = move == REVERSED
                 ended = status != OK or reversal
-                if move == TAKE and lane.last > 0.0 and status != LIMIT:
+                if move == TAKE and lane.last > 0.0 and status != AT_LIMIT:
                     t = lane.t_end
                     ended = True
                 if move == TAKE and not ended and t >= lane.next:
-                    problem.hooks.pass_marks(lane, t, run, recording)
-                    ended = runs.settled(lane, plan[run, runs.SETTLED])
+                    runs.compare_due(lane, t, run, recording)
+                    ended = runs.settled(lane, plan[run]["settled"])
                 if ended:
                     lane.steps += 1.0
-                    problem.hooks.finish(
-                        lane, status, reversal, t, run, result, counts, recording
-                    )
-                    progress[thread, COST_DONE] += plan[run, runs.COST]
+                    runs.finish(lane, status, reversal, t, run, outputs, recording)
+                    progress[thread, COST_DONE] += plan[run]["cost"]
                     progress[thread, ENDED] += 1.0
-                    if not next_run(
-                        problem, lane, shared, order, y0, constants, probe, plan
-                    ):
+                    if not next_run(lane, shared, order, inputs):
                         busy -= 1
                     lane.accept = 0.0
                 if lane.accept == 0.0:
@@ -471,7 +472,21 @@ def work(
     progress[thread, COST_UNDER_WAY] = 0.0
 
 
-def drive(address, parts, threads, w, shared):
+def drive(
+    address,
+    parts,
+    threads,
+    w,
+    shared,
+    order,
+    inputs,
+    options,
+    progress,
+    outputs,
+    recording,
+):
     """Call :func:`work` by its address on each thread: one driver for all problems."""
     for thread in prange(threads):
-        call(address, (thread, parts, w[thread]) + shared)  # noqa: RUF005
+        own = thread, parts, w[thread]
+        common = shared, order, inputs, options, progress, outputs, recording
+        call(address, own + common)

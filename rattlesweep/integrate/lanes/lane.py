@@ -23,14 +23,14 @@ imported for annotations alone.
 # mypy: disable-error-code="no-untyped-call, no-untyped-def, misc"
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from functools import reduce, wraps
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 from llvmlite import ir
-from numba import config, extending, types
+from numba import config, extending, njit, types
 from numba.core import cgutils
 from numba.core.typing.templates import AttributeTemplate
 from numba.np.unsafe.ndarray import to_fixed_tuple
@@ -57,12 +57,14 @@ DOUBLE = ir.DoubleType()
 # process.
 INNER: dict[str, object] = {"nogil": True, "error_model": "numpy"}
 INNER |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+def _first_of(array, length):
+    return tuple(array[:length])
+
+
 # first_of(array, length): the first numbers of an array, as a tuple.
-first_of = (
-    (lambda array, length: tuple(array[:length]))
-    if config.DISABLE_JIT
-    else to_fixed_tuple
-)
+first_of = _first_of if config.DISABLE_JIT else to_fixed_tuple
 
 
 def intrinsic(
@@ -125,6 +127,16 @@ def widest_vectors(context, builder, signature, args):
     return context.get_dummy_value()
 
 
+@intrinsic(lambda typingctx: types.void(), lambda: None)
+def apart(context, builder, signature, args):
+    """Keep the calling function out of its callers, with which it might share products.
+
+    Then its last bits do not depend on how large they are.
+    """
+    builder.function.attributes.add("noinline")
+    return context.get_dummy_value()
+
+
 @intrinsic(
     lambda typingctx, y, f, h: y(y, f, types.float64),
     lambda y, f, h: tuple(a + h * b for a, b in zip(y, f, strict=True)),
@@ -176,6 +188,30 @@ call = _calling(types.none)
 call_for_pair = _calling(types.UniTuple(types.intp, 2))
 
 
+def choice(functions: Mapping[float, Callable[..., R]]) -> Callable[..., R]:
+    """Return ``one_of(key, *arguments)``, which calls the function of a key.
+
+    For any other key, it calls the last one.
+    """
+    (first, own), *others = functions.items()
+    if not others:
+
+        @njit(**INNER)
+        def last(key, *arguments):
+            return own(*arguments)
+
+        return last  # type: ignore[no-any-return]
+    rest = choice(dict(others))
+
+    @njit(**INNER)
+    def one_of(key, *arguments):
+        if key == first:
+            return own(*arguments)
+        return rest(key, *arguments)
+
+    return one_of  # type: ignore[no-any-return]
+
+
 class Slip(NamedTuple):
     """Sliding of the contact point on the plane, in the body's units.
 
@@ -188,9 +224,9 @@ class Slip(NamedTuple):
     work: float  # of sliding friction since the launch, negative
 
 
-# What zeros of the spin are to a lane: points of a smooth motion, ends of a motion, or
-# the motion itself.
-SMOOTH, TURNS, HELD = 0.0, 1.0, 2.0
+# Modes of a lane (`lanes.modes`): it rolls, slides, rolls with a torque against its
+# spin, or rolls with its spin held at zero.
+ROLLING, SLIDING, PIVOTING, HELD = 0.0, 1.0, 2.0, 3.0
 
 # Columns of a table of slips.
 SLIP_SPEED, SLIP_ANGLE, SLIP_WORK, N_SLIP = range(4)
@@ -203,6 +239,9 @@ class Point(NamedTuple):
     value: float
     rate: float
 
+
+NEVER = 1e290  # beyond any time, modulus and force of a run
+TINY = 1e-290  # prevents divisions by zero
 
 # Kinds of fields of a lane; all numbers are doubles.
 RECORDS = {"Point": Point, "Slip": Slip}
@@ -221,6 +260,7 @@ class Fields:
 
     # The run.
     run: Number  # index, or -1 in an empty lane
+    mode: Number  # ROLLING, ...
     t: Number  # time
     t_low: Number  # its low part in a compensated sum
     t_end: Number  # horizon
@@ -262,8 +302,8 @@ class Fields:
     far_rate: Number  # largest recent rate until then
 
     # Search within a held step (events.py).
-    mode: Number
-    searched: Number  # which function
+    search: Number  # its state: STEP, SCAN, ...
+    searched: Number  # which function: SPIN, LIMIT, ...
     pieces: Number
     piece: Number  # index of the present one
     tries: Number
@@ -299,7 +339,7 @@ class Fields:
     compared: Number  # number of comparisons
     a_floor: Number  # smallest amplitude that counts
     next: Number  # time at which a comparison or the end of a window is due
-    mark: Number  # time of the next comparison within the first window
+    comparison: Number  # time of the next one within the first window
 
     # The present window.
     window: Number  # length
@@ -329,7 +369,6 @@ class Fields:
     refused: Number  # status of a body that can neither roll nor slide at launch, or 0
 
     # Spins held at zero; used by models with pivoting friction.
-    spin_ends: Number  # what a zero of the spin is: SMOOTH, TURNS, HELD
     slack: Number  # by how much the spin may be on the wrong side of zero
     t_held: Number  # begin of the first rest, -1 for none
     t_hold: Number  # begin of the last one
@@ -371,6 +410,22 @@ class Fields:
     shifts: Lengths  # exponents of these powers
 
 
+def _numbers_of(model: Model | None) -> dict[str, int]:
+    """Return how many numbers a field has, by kinds that depend on the model."""
+    if model is None:
+        kinds = "State", "Constants", "Probe", "Tangent", "Stage", "Lengths"
+        return dict.fromkeys(kinds, 0)
+    tangents = model.n_tangents
+    return {
+        "State": model.n_state,
+        "Constants": model.n_constants,
+        "Probe": model.n_probe,
+        "Tangent": tangents * model.n_state,
+        "Stage": model.n_state if tangents else 0,
+        "Lengths": tangents if tangents > 1 else 0,
+    }
+
+
 class Layout:
     """Rows of a workspace: the first row of each field is an attribute of its name.
 
@@ -380,24 +435,7 @@ class Layout:
     """
 
     def __init__(self, model: Model | None) -> None:
-        # How many numbers a field has whose kind depends on the model.
-        numbers = {
-            "State": 0,
-            "Constants": 0,
-            "Probe": 0,
-            "Tangent": 0,
-            "Stage": 0,
-            "Lengths": 0,
-        }
-        if model:
-            numbers["State"] = model.n_state
-            numbers["Constants"] = model.n_constants
-            numbers["Probe"] = model.n_probe
-            numbers["Tangent"] = model.n_tangents * model.n_state
-        if model and model.n_tangents:
-            numbers["Stage"] = model.n_state
-        if model and model.n_tangents > 1:
-            numbers["Lengths"] = model.n_tangents
+        numbers = _numbers_of(model)
         self.fields: dict[str, tuple[int, types.Type]] = {}
         row = 0
         # The annotations are texts, such as "State".
@@ -428,33 +466,61 @@ def _type_of(kind: str, count: int) -> types.Type:
 
 
 @dataclass(frozen=True)
-class Hooks:
-    """Compiled functions of `lanes.runs` that differ between models."""
+class Mode:
+    """A way of moving, as compiled functions of a lane that moves so."""
 
-    start: Callable[..., None]
-    # prepare(lane, rate): set what the equations need, before they are evaluated
-    prepare: Callable[..., None]
-    pass_marks: Callable[..., None]
-    finish: Callable[..., None]
-    advance: Callable[..., None]
+    number: float  # `lane.mode`
+    # limit(lane, h, y, f): positive while the body moves so
     limit: Callable[..., Point]
+    # change(lane, status, move, recording): after a step that is taken or ends the run,
+    # let the lane go over to the mode that follows; return the status and the move then
+    change: Callable[..., tuple[int, int]]
+    # observe_limit(problem, w): compute it for the lanes that move so, where the limit
+    # of most lanes is another
+    observe_limit: Callable[..., None] | None = None
+    # Fields that it adds to the results of a run, with their types, and
+    # store(lane, t, result), which writes them at the end of the run, the time t.
+    results: tuple[tuple[str, type], ...] = ()
+    store: Callable[..., None] | None = None
+
+
+@dataclass(frozen=True)
+class Modes:
+    """All modes of a model's bodies together, as compiled functions of any lane."""
+
+    limit: Callable[..., Point]
+    # observe_limit(problem, w): compute the limit of all lanes at the end of the step
+    observe_limit: Callable[..., None]
+    change: Callable[..., tuple[int, int]]
+    # prepare(lane, constants, rate): set what the equations need of a launch, of which
+    # `constants` are all and `rate` bounds the rate of the spin
+    prepare: Callable[..., None]
+    # launch(lane): go over to the mode of the launch, once the run is started
+    launch: Callable[..., None]
+    # settle(lane, y, t): go over to the mode of a body that rolls in the state y
+    settle: Callable[..., None]
+    # advance(problem, w): move what modes add to the state to the end of the step
+    advance: Callable[..., None]
     # left(lane, y): height from the contact up to the rim; 1 without a rim
     left: Callable[..., float]
-    # Compute the limit and what it asks for at the end of the step on all lanes.
-    observe_limit: Callable[..., None]
     # At the end of the step: the energy minus the work of friction, and this work.
     energy: Callable[..., float]
     work: Callable[..., float]
-    # After a step that is taken or ends the run, with a status and a move: what the
-    # lane changes to, and the status and the move then.
-    change: Callable[..., tuple[int, int]]
     # observe(model, y, slip, constants, mu): energy minus work, normal and tangential
     # force
     observe: Callable[..., tuple[float, float, float]]
-    # Of models with tangents.
-    start_tangents: Callable[..., None] | None = None
-    advance_tangents: Callable[..., None] | None = None
-    note_tangents: Callable[..., None] | None = None
+    store: Callable[..., None]
+    results: tuple[str, ...]  # names of the fields that `store` writes
+
+
+@dataclass(frozen=True)
+class Tangents:
+    """Compiled functions of the tangents that a run carries (`lanes.tangents`)."""
+
+    start: Callable[..., None]
+    advance: Callable[..., None]
+    # note(lane, t, run, k, growths): store the growth in row k
+    note: Callable[..., None]
 
 
 class Problem:
@@ -463,7 +529,7 @@ class Problem:
     The runs of a rimmed problem end where the contact passes the rim of their body.
 
     For compiled functions it is an argument without data, and its attributes, like
-    those of its model and its hooks, are constants.
+    those of its model and its modes, are constants.
     """
 
     known: ClassVar[dict[str, Problem]] = {}
@@ -473,7 +539,8 @@ class Problem:
         model: Model | None,
         adaptive: bool,
         lanes: int = LANES,
-        hooks: Hooks | None = None,
+        modes: Modes | None = None,
+        tangents: Tangents | None = None,
         rimmed: bool = False,
     ) -> None:
         if model is not None:
@@ -489,7 +556,9 @@ class Problem:
             has_limit = self.slides or self.pivots or model.limit is not None
             self.limited = has_limit or rimmed
         self.model = model
-        self.hooks = hooks
+        if modes is not None and tangents is not None:
+            self.modes = modes
+            self.tangents = tangents
         self.name = f"{model.name if model else 'any'}_"
         self.name += f"{'adaptive' if adaptive else 'fixed'}_{lanes}"
         if rimmed:

@@ -9,6 +9,7 @@ steps of the method (`lanes.events`), and changes nothing else of the run.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from rattlesweep.integrate.lanes.lane import choice
 from rattlesweep.physics.full import scalar
 
 
@@ -31,26 +32,4 @@ MARKS = (Mark("t_half", above_half),)
 """The marks, in the order of their columns in a Recording."""
 
 
-def _joined(marks: tuple[Mark, ...]) -> Callable[..., Any]:
-    """Return ``value(k, n, rate, n_launch)`` of the mark ``k``."""
-    value = marks[0].value
-
-    @scalar
-    def last(k, n, rate, n_launch):
-        return value(n, rate, n_launch)
-
-    formula: Callable[..., Any] = last
-    if len(marks) > 1:
-        others = _joined(marks[1:])
-
-        @scalar
-        def one_of(k, n, rate, n_launch):
-            if k == 0:
-                return value(n, rate, n_launch)
-            return others(k - 1, n, rate, n_launch)
-
-        formula = one_of
-    return formula
-
-
-value_of = _joined(MARKS)
+value_of = choice({k: mark.value for k, mark in enumerate(MARKS)})

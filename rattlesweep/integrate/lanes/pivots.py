@@ -1,30 +1,31 @@
 """Zeros of the spin at which pivoting friction changes its sense, and spins held there.
 
-A body that rolls with pivoting friction (`physics.pivoting`) moves in one of three
-ways: with a positive or a negative spin, each until a zero of the spin, or with the
-spin held at zero, until the torque that this takes exceeds ``l F_n``.  These are limits
-of the motion, whose zeros the lanes find as they find others (`lanes.events`).  The
-sense of the spin, 0 while it is held, is the last constant of a lane.
+A body that rolls with pivoting friction (`physics.pivoting`) is in one of two modes
+(`lanes.modes`): PIVOTING, with a positive or a negative spin, until a zero of the spin,
+or HELD, with the spin held at zero, until the torque that this takes exceeds ``l F_n``.
+The sense of the spin, 0 while it is held, is the last constant of a lane.
 
 A reversal is a zero at which the spin goes over to the other side, or the end of a rest
 from which it does.
 """
 
 # mypy: ignore-errors
-from dataclasses import replace
+from collections.abc import Callable
 from math import nan
 
 from numba import njit
 
 from rattlesweep.integrate.lanes import runs
-from rattlesweep.integrate.lanes.events import REVERSED, may_fall
+from rattlesweep.integrate.lanes.events import REVERSED
+from rattlesweep.integrate.lanes.extremes import may_fall
 from rattlesweep.integrate.lanes.lane import (
     HELD,
     INNER,
-    SMOOTH,
-    TURNS,
-    Hooks,
+    PIVOTING,
+    TINY,
+    Mode,
     Point,
+    apart,
     lane_of,
     moved,
     widest_vectors,
@@ -33,10 +34,8 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH, scalar
 
 OK = int(Status.OK)
-LIMIT = int(Status.LIMIT)
-# Columns of the results of a run, after its state.
-T_HELD, HELD_TIME, PIVOT_WORK, N_COLUMNS = range(4)
-TINY = 1e-290
+AT_LIMIT = int(Status.LIMIT)
+RESULTS = ("t_held", float), ("held_time", float), ("pivot_work", float)
 # By what share of the lever the limit of a rest is passed before it counts, so that
 # rounding errors do not end it at once.
 PASSED = 1e-13
@@ -48,7 +47,7 @@ LEAST_SPIN = 1e-14
 def set_sense(lane, sense):
     """Let the torque act against a spin of this sign, or hold the spin for 0."""
     lane.constants = lane.constants[:-1] + (sense,)  # noqa: RUF005
-    lane.spin_ends = HELD if sense == 0.0 else TURNS
+    lane.mode = HELD if sense == 0.0 else PIVOTING
 
 
 @njit(**INNER)
@@ -108,7 +107,7 @@ def observe_held(problem, w):
     held = 0.0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        held += 1.0 if lane.spin_ends == HELD else 0.0
+        held += 1.0 if lane.mode == HELD else 0.0
     if held == 0.0:
         return
     for l in range(problem.lanes):
@@ -116,7 +115,7 @@ def observe_held(problem, w):
         end = hold_point(lane, lane.h, lane.y1, lane.f1)
         limit = lane.limit1
         both = product(limit, end)
-        is_held = lane.spin_ends == HELD
+        is_held = lane.mode == HELD
         leaves = 1.0 if is_held & may_fall(lane.limit0, both) else 0.0
         value = both.value if is_held else limit.value
         rate = both.rate if is_held else limit.rate
@@ -128,7 +127,8 @@ def observe_held(problem, w):
 @njit(**INNER)
 def distance_from_zero(lane):
     """Return how far a lane is from the limit of the spin, as a share of its scale."""
-    if lane.spin_ends == HELD:
+    apart()
+    if lane.mode == HELD:
         return abs(margin(lane, lane.y1)) / (lever_of(lane) + TINY)
     scale = abs(lane.n_launch) + abs(lane.rate1) / lane.swing
     return abs(lane.n1) / (scale + TINY)
@@ -161,16 +161,8 @@ def release(lane, t):
 
 
 @njit(**INNER)
-def slide_off(lane, t):
-    """Let zeros of the spin be points of a slide, which begins at the time ``t``."""
-    if lane.spin_ends == HELD:
-        release(lane, t)
-    lane.spin_ends = SMOOTH
-
-
-@njit(**INNER)
 def settle(lane, y, t):
-    """Let the torque act on a body that rolls from the state ``y`` on."""
+    """Let the torque act from the state ``y`` on, in which the body rolls."""
     n = lane.problem.model.spin(y)
     sense = 1.0 if n > 0.0 else -1.0
     if n == 0.0:
@@ -180,26 +172,11 @@ def settle(lane, y, t):
         hold(lane, t)
 
 
-@njit(**INNER)
-def prepare(lane, rate):
-    """Let the torque act from the launch on; ``rate`` bounds the rate of the spin."""
-    lane.t_held = -1.0
-    lane.rate_max = rate
-    settle(lane, lane.y, 0.0)
-
-
-@njit(**INNER)
-def add_hold(lane, y, f, h):
-    """Multiply the limit by that of a spin that is held."""
-    if lane.spin_ends == HELD:
-        lane.limit1 = product(lane.limit1, hold_point(lane, h, y, f))
-
-
 @njit(fastmath=FASTMATH, **INNER)
 def leave_zero(lane, t):
     """Let the spin go on from zero at the end of the step; return its sense."""
-    was_held = lane.spin_ends == HELD
-    if was_held:
+    apart()
+    if lane.mode == HELD:
         torque, _ = lane.problem.model.pivot(lane.y1, lane.constants)
         sense = -1.0 if torque > 0.0 else 1.0
         release(lane, t)
@@ -209,68 +186,70 @@ def leave_zero(lane, t):
     give_slack(lane, lane.y1)
     if sense == 0.0:
         hold(lane, t)
-    # The force jumps here, and both its values count.
-    runs.note_contact(lane)
-    model = lane.problem.model
-    y = lane.y1
-    f = model.rhs(y, lane.constants)
-    lane.f1 = f
-    lane.rate1 = model.spin_rate(y, f)
-    lane.limit1 = lane.problem.hooks.limit(lane, lane.h, y, f)
-    add_hold(lane, y, f, lane.h)
-    lane.ratio1, lane.lift1 = runs.contact_points(lane, lane.h, y, f)
+    runs.jump(lane)
     begin = lane.limit1
     # At the end of a rest the rate of the spin is a rounding error, too.
     lane.limit1 = Point(begin.h, begin.value, max(begin.rate, 0.0))
     lane.h_next = lane.full_next
-    lane.root = 1.0
-    lane.last = 0.0
     return sense
 
 
-def pivoting_hooks(base: Hooks) -> Hooks:
-    """Return the functions of a model with pivoting friction, from those without."""
-    base_start = base.start
-    base_limit = base.limit
-    base_observe_limit = base.observe_limit
-    base_change = base.change
-    base_finish = base.finish
+@njit(**INNER)
+def store(lane, t, result):
+    """Store the results of rests, and of the torque."""
+    if lane.mode == HELD:
+        lane.held_time += t - lane.t_hold
+        # Without the rounding errors of the state, so that rows tell it is held.
+        result["n_end"] = 0.0
+    pivot_work = lane.problem.model.pivot_work
+    result["t_held"] = lane.t_held if lane.t_held >= 0.0 else nan
+    result["held_time"] = lane.held_time
+    # Zero and not -0 for a run without a torque.
+    result["pivot_work"] = 0.0 - pivot_work(lane.y1) / lane.energy0
+
+
+def preparing(base_prepare: Callable[..., None]) -> Callable[..., None]:
+    """Return `Modes.prepare` of a model with the torque, from that without it."""
 
     @njit(**INNER)
-    def start(lane, run, y0, constants, probe, plan):
-        base_start(lane, run, y0, constants, probe, plan)
-        add_hold(lane, lane.y, lane.f, 0.0)
-        runs.start_points(lane)
-        if lane.slip1.speed > 0.0:
-            slide_off(lane, 0.0)
+    def prepare(lane, constants, rate):
+        base_prepare(lane, constants, rate)
+        lane.t_held = -1.0
+        lane.rate_max = rate
+        settle(lane, lane.y, 0.0)
+
+    return prepare
+
+
+def modes(rolling: Mode) -> tuple[Mode, Mode]:
+    """Return the modes of a body with the torque that rolls: PIVOTING and HELD.
+
+    ``rolling`` is the mode of the body without it.
+    """
+    rolling_limit = rolling.limit
+    change_rolling = rolling.change
 
     @scalar
     def limit(lane, h, y, f):
-        return product(base_limit(lane, h, y, f), turn_point(lane, h, y, f))
+        return product(rolling_limit(lane, h, y, f), turn_point(lane, h, y, f))
 
-    @njit(**INNER)
-    def observe_limit(problem, w):
-        base_observe_limit(problem, w)
-        observe_held(problem, w)
+    @scalar
+    def limit_held(lane, h, y, f):
+        return product(rolling_limit(lane, h, y, f), hold_point(lane, h, y, f))
 
     @njit(**INNER)
     def change(lane, status, move, recording):
+        apart()
         t = lane.t + (lane.h - lane.t_low)
-        slid = lane.slip.speed > 0.0
         is_at_zero = False
-        if status == LIMIT and not slid:
-            other = base_limit(lane, lane.h, lane.y1, lane.f1)
+        if status == AT_LIMIT:
+            other = rolling_limit(lane, lane.h, lane.y1, lane.f1)
             is_at_zero = distance_from_zero(lane) <= abs(other.value)
         if not is_at_zero:
-            if slid and lane.slip1.speed == 0.0:
-                settle(lane, lane.y1, t)
-            status, move = base_change(lane, status, move, recording)
-            slides = lane.slip1.speed > 0.0
-            if slides and lane.spin_ends != SMOOTH:
-                slide_off(lane, t)
-            if slid and not slides:
-                lane.limit1 = lane.problem.hooks.limit(lane, lane.h, lane.y1, lane.f1)
-                add_hold(lane, lane.y1, lane.f1, lane.h)
+            was_held = lane.mode == HELD
+            status, move = change_rolling(lane, status, move, recording)
+            if was_held and lane.mode != HELD:
+                release(lane, t)
             return status, move
         sense = leave_zero(lane, t)
         # A spin that returns to its side has not reversed.
@@ -282,26 +261,7 @@ def pivoting_hooks(base: Hooks) -> Hooks:
         runs.note_zero(lane, t, recording.reversals)
         return OK, move
 
-    @njit(**INNER)
-    def finish(lane, status, reversal, t, run, result, counts, recording):
-        base_finish(lane, status, reversal, t, run, result, counts, recording)
-        if lane.spin_ends == HELD:
-            lane.held_time += t - lane.t_hold
-            # Without the rounding errors of the state, so that rows tell it is held.
-            result[run, runs.N_END] = 0.0
-        model = lane.problem.model
-        first = runs.FIRST_STATE + model.n_state
-        result[run, first + T_HELD] = lane.t_held if lane.t_held >= 0.0 else nan
-        result[run, first + HELD_TIME] = lane.held_time
-        # Zero and not -0 for a run without a torque.
-        result[run, first + PIVOT_WORK] = 0.0 - model.pivot_work(lane.y1) / lane.energy0
-
-    return replace(
-        base,
-        start=start,
-        prepare=prepare,
-        limit=limit,
-        observe_limit=observe_limit,
-        change=change,
-        finish=finish,
+    return (
+        Mode(PIVOTING, limit, change),
+        Mode(HELD, limit_held, change, observe_held, RESULTS, store),
     )

@@ -1,32 +1,25 @@
-"""A run in a lane: its start, what is observed at its steps, its end.
-
-A run may carry a tangent, which is scaled by a power of two when it has become very
-long or short, or a frame of tangents. Barriers keep their arithmetic apart from that of
-the state, whose bits are then the same as without tangents.
-"""
+"""A run in a lane: its start, what is observed at its steps, its end."""
 
 # mypy: ignore-errors
-from dataclasses import replace
-from math import isfinite, log, nan, sqrt
+from math import isfinite, nan, sqrt
 from typing import NamedTuple
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats
-from rattlesweep.integrate.lanes.events import (
-    NEVER,
-    least_turn,
-    may_be_far,
-    may_fall,
-    may_peak,
-    may_reach,
-    turn_points,
+from rattlesweep.integrate.lanes.events import may_be_far, may_reach
+from rattlesweep.integrate.lanes.extremes import (
+    may_exceed_lift,
+    may_exceed_ratio,
+    may_exceed_turn,
 )
 from rattlesweep.integrate.lanes.lane import (
     INNER,
-    Hooks,
+    NEVER,
+    TINY,
     Point,
-    barrier,
     clear,
     first_of,
     lane_of,
@@ -34,43 +27,55 @@ from rattlesweep.integrate.lanes.lane import (
     widest_vectors,
 )
 from rattlesweep.integrate.lanes.marks import MARKS
-from rattlesweep.integrate.model import Model
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH, scalar
 
-# The arrays that a kernel reads and writes have one row for each run.  Columns of
-# ``result`` are attributes of an Outcome, followed by the state at the end.
-RESULT = (
-    "t_end",
-    "t_r",
-    "n_end",
-    "energy_drift",
-    "amp_growth",
-    "n_departure",
-    "energy_0",
+# The arrays that a kernel reads and writes have one row for each run.
+PLAN = np.dtype(
+    [
+        ("horizon", float),
+        ("swing", float),  # fastest angular frequency of the spin
+        ("window", float),  # length of the windows whose amplitudes are compared
+        ("rate", float),  # bound of the spin's rate in the first steps
+        ("first_step", float),
+        ("longest_step", float),
+        ("cost", float),  # expected
+        # depth of an extremum whose sign is not known, relative to the swing
+        ("fuzz", float),
+        ("first_comparison", float),  # time of the first comparison of amplitudes
+        ("far", float),  # modulus beyond which the spin is on one side
+        ("tapped", float),  # 1 if the run is launched without spin
+        # largest oscillation, as in Model.error, of a settled run; 0 if none may settle
+        ("settled", float),
+        ("dead", float),  # fraction of the energy below which a body is dead
+        ("rim", float),  # height of the rim
+    ],
+    align=True,
 )
-T_END, T_R, N_END, DRIFT, GROWTH, DEPARTURE, ENERGY_0, FIRST_STATE = range(8)
-# Columns of ``counts``, also attributes of an Outcome.
-COUNTS = ("status", "n_steps", "near_tangencies", "n_rejected", "n_turns")
-STATUS, STEPS, NEAR, REJECTED, TURNS = range(5)
-# Columns of ``plan``, which `batch.plan_of` fills.
-(
-    HORIZON,
-    SWING,
-    WINDOW,
-    RATE,
-    FIRST_STEP,
-    COST,
-    FUZZ,
-    FIRST_MARK,
-    FAR,
-    TAPPED,
-    SETTLED,
-    DEAD,
-    LONGEST,
-    RIM_HEIGHT,
-    N_PLAN,
-) = range(15)
+# Fields of the results of a run, which are attributes of an Outcome.
+RESULTS = (
+    ("t_end", float),
+    ("t_r", float),
+    ("n_end", float),
+    ("energy_drift", float),
+    ("amp_growth", float),
+    ("n_departure", float),
+    ("energy_0", float),
+    ("status", int),
+    ("n_steps", int),
+    ("near_tangencies", int),
+    ("n_rejected", int),
+    ("n_turns", int),
+)
+
+
+class Inputs(NamedTuple):
+    """What a kernel reads."""
+
+    y0: Floats  # initial states
+    constants: Floats
+    probe: Floats
+    plan: NDArray[np.void]  # of PLAN
 
 
 class Recording(NamedTuple):
@@ -93,12 +98,10 @@ class Recording(NamedTuple):
 
 
 N_GROWTHS = 5
-# Columns of `lyapunov` after the time and the growths of the frame.
-FLOW_GROWTH, ENERGY_GROWTH = 4, 5
 N_WINDOWS = 64
 # Rows of `lyapunov` for a frame, after those of the windows: the comparisons within the
 # first window.  Where a motion dies out there, nothing else tells how.
-N_MARKS = 24
+N_COMPARISONS = 24
 MOST_REVERSALS = 8  # reversals that are stored
 SHAPES = Recording(
     energy=(1, 1),
@@ -110,27 +113,25 @@ SHAPES = Recording(
     marks=(1, len(MARKS)),
 )
 
+
+class Outputs(NamedTuple):
+    """What a kernel writes of every run."""
+
+    results: NDArray[np.void]  # of RESULTS and `Mode.results`
+    y_end: Floats
+
+
 OK = int(Status.OK)
 NONFINITE = int(Status.NONFINITE)
 ENERGY = int(Status.ENERGY)
-LIMIT = int(Status.LIMIT)
+AT_LIMIT = int(Status.LIMIT)
 RIM = int(Status.RIM)
 MAX_ENERGY_DRIFT = 0.01
-TINY = 1e-290
 # Least squared amplitude that counts, as a share of the first: a mode that has decayed
 # by 1e-9 is lost in the rounding errors of the other.
 FLOOR = 1e-18
 DIFFERENCE = 1e-7  # length of differences along the flow, in radians of the swing
-UNKNOWN_RATE = 1e290  # bound of the spin's rate with which every step may reverse
-# The norm of a tangent stays between 2^-SHIFT and 2^SHIFT.
-SHIFT = 200
-LOG_2 = log(2.0)
-SHORTER = 2.0**-SHIFT
-LONGER = 2.0**SHIFT
-SHORT = SHORTER**2
-LONG = LONGER**2
-# Squared norm below which a flow no longer determines what is normal to it.
-NO_FLOW = 1e-270
+UNKNOWN_RATE = NEVER  # bound of the spin's rate with which every step may reverse
 
 
 @njit(**INNER)
@@ -143,48 +144,6 @@ def recorded(array):
 def goes_on(problem, recording):
     """Return whether runs go on after a zero of the spin."""
     return recorded(recording.reversals) or problem.model.n_tangents > 1
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def energy_at(lane, y):
-    """Return the energy of a lane's body in the state ``y``."""
-    return lane.problem.model.energy(y, lane.constants)
-
-
-@njit(**INNER)
-def energy_after(lane):
-    """Return the energy at the end of the step just tried."""
-    return energy_at(lane, lane.y1)
-
-
-@njit(**INNER)
-def work_after(lane):
-    """Return the work of friction until the end of the step, which is negative."""
-    return lane.problem.model.work(lane.y1)
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def observe(model, y, slip, constants, mu):
-    """Return the energy minus the work, and the normal and tangential force."""
-    normal, tangential = model.contact(y, constants)
-    return model.energy(y, constants), normal, tangential
-
-
-@njit(**INNER)
-def prepared(lane, rate):
-    """Do nothing: the equations need nothing but the constants."""
-
-
-@njit(**INNER)
-def unchanged(lane, status, move, recording):
-    """Return status and move; the lane goes on as it is."""
-    return status, move
-
-
-@njit(**INNER)
-def past_rim(lane, status, move, recording):
-    """Return status and move of a run that has no other limit but the rim."""
-    return RIM if status == LIMIT else status, move
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -231,17 +190,26 @@ def close_window(lane, run, recording):
 
 
 @njit(**INNER)
-def pass_marks(lane, t, run, recording):
-    """Make the comparisons and close the windows that are due by time ``t``."""
+def compare_due(lane, t, run, recording):
+    """Make the comparisons and close the windows that are due by time ``t``.
+
+    Store the growth of tangents at the end of a window, and that of a frame at the
+    comparisons in the first window, too.
+    """
+    k = window_row(lane)
+    if t < lane.window_end:
+        k = N_WINDOWS + int(lane.compared)
+    if k < recording.lyapunov.shape[1]:
+        lane.problem.tangents.note(lane, t, run, k, recording.lyapunov)
     include_end(lane)
     while t >= lane.next:
-        if lane.mark < lane.window_end:
+        if lane.comparison < lane.window_end:
             compare(lane)
-            lane.mark *= 2.0
+            lane.comparison *= 2.0
         else:
             close_window(lane, run, recording)
-            lane.mark = 1e290
-        lane.next = min(lane.mark, lane.window_end)
+            lane.comparison = NEVER
+        lane.next = min(lane.comparison, lane.window_end)
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -282,57 +250,6 @@ def contact_points(lane, h, y, f):
     return Point(h, ratio, rate), Point(h, -normal, lift_rate)
 
 
-@scalar
-def limit_point(lane, h, y, f):
-    """Return the limit of the model."""
-    ahead = DIFFERENCE / lane.swing
-    limit = lane.problem.model.limit
-    now = limit(y, lane.constants)
-    later = limit(moved(y, f, ahead), lane.constants)
-    return Point(h, now, (later - now) / ahead)
-
-
-@scalar
-def no_limit(lane, h, y, f):
-    """Return the limit of a model that holds everywhere."""
-    return Point(h, 1.0, 0.0)
-
-
-@scalar
-def no_rim(lane, y):
-    """Return the height that is left below the rim of a body without one."""
-    return 1.0
-
-
-@scalar
-def below_rim(lane, y):
-    """Return the height that is left between the contact and the rim."""
-    return lane.rim - lane.problem.model.rise(y, lane.constants)
-
-
-@scalar
-def rim_point(lane, h, y, f):
-    """Return the height that is left below the rim."""
-    ahead = DIFFERENCE / lane.swing
-    now = below_rim(lane, y)
-    later = below_rim(lane, moved(y, f, ahead))
-    return Point(h, now, (later - now) / ahead)
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def observe_limit(problem, w):
-    """Compute the limit of the model at the end of the step tried on every lane."""
-    widest_vectors()
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        end = problem.hooks.limit(lane, lane.h, lane.y1, lane.f1)
-        start = lane.limit0
-        lane.limit1 = end
-        leaves = 1.0 if may_fall(start, end) else 0.0
-        lane.leaves = leaves
-        lane.watched += leaves
-
-
 @njit(fastmath=FASTMATH, **INNER)
 def observe_contact(problem, w):
     """Compute the contact forces at the end of the step tried on every lane."""
@@ -342,10 +259,7 @@ def observe_contact(problem, w):
         ratio, lift = contact_points(lane, lane.h, lane.y1, lane.f1)
         lane.ratio1 = ratio
         lane.lift1 = lift
-        peak = may_peak(lane.ratio0, ratio, lane.ratio_max)
-        # Where the normal force is negative, the ratio has poles and no largest value.
-        peak &= (lane.lift0.value < 0.0) & (lift.value < 0.0)
-        peak |= may_peak(lane.lift0, lift, -lane.normal_min)
+        peak = may_exceed_ratio(lane) | may_exceed_lift(lane)
         lane.watched += 1.0 if peak else 0.0
 
 
@@ -355,9 +269,7 @@ def observe_spin(problem, w):
     widest_vectors()
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        start, end = turn_points(lane)
-        peak = (start.value > 0.0) & may_peak(start, end, least_turn(lane))
-        lane.watched += 1.0 if peak | may_be_far(lane) else 0.0
+        lane.watched += 1.0 if may_exceed_turn(lane) | may_be_far(lane) else 0.0
 
 
 @njit(**INNER)
@@ -401,6 +313,23 @@ def note_contact(lane):
     lane.normal_min = min(lane.normal_min, -lane.lift1.value)
 
 
+@njit(fastmath=FASTMATH, forceinline=True, **INNER)
+def jump(lane):
+    """Let the force jump, at the end of the step, to that of a lane's new mode.
+
+    Both its values count as extremes of the contact.
+    """
+    note_contact(lane)
+    model = lane.problem.model
+    y = lane.y1
+    f = model.rhs(y, lane.constants)
+    lane.f1 = f
+    lane.rate1 = model.spin_rate(y, f)
+    lane.limit1 = lane.problem.modes.limit(lane, lane.h, y, f)
+    lane.ratio1, lane.lift1 = contact_points(lane, lane.h, y, f)
+    lane.root = 1.0
+
+
 # Reversals.
 
 
@@ -409,7 +338,7 @@ def is_dead(lane):
     """Return whether too little energy is left for a reversal at the step's end."""
     if lane.dead == 0.0:
         return False
-    return 1.0 + lane.problem.hooks.work(lane) / lane.energy0 < lane.dead
+    return 1.0 + lane.problem.modes.work(lane) / lane.energy0 < lane.dead
 
 
 @njit(**INNER)
@@ -473,51 +402,55 @@ def note_turn(lane, reversals):
 
 
 @njit(**INNER)
-def start(lane, run, y0, constants, probe, plan):
+def start(lane, run, inputs):
     """Start a run in a lane."""
     clear(lane)
     model = lane.problem.model
+    plan = inputs.plan[run]
+    constants = inputs.constants[run]
     lane.run = run
     lane.root0 = 1.0
-    lane.y = first_of(y0[run], model.n_state)
-    lane.constants = first_of(constants[run], model.n_constants)
-    lane.probe = first_of(probe[run], model.n_probe)
-    lane.problem.hooks.prepare(lane, plan[run, RATE])
+    lane.y = first_of(inputs.y0[run], model.n_state)
+    lane.constants = first_of(constants, model.n_constants)
+    lane.probe = first_of(inputs.probe[run], model.n_probe)
+    lane.problem.modes.prepare(lane, constants, plan["rate"])
     n, rate = derive(lane)
-    lane.t_end = plan[run, HORIZON]
-    lane.swing = plan[run, SWING]
-    lane.window = lane.window_end = plan[run, WINDOW]
-    lane.mark = plan[run, FIRST_MARK]
-    lane.next = min(plan[run, FIRST_MARK], plan[run, WINDOW])
-    lane.rate_max = plan[run, RATE]
+    lane.t_end = plan["horizon"]
+    lane.swing = plan["swing"]
+    lane.window = lane.window_end = plan["window"]
+    lane.comparison = plan["first_comparison"]
+    lane.next = min(plan["first_comparison"], plan["window"])
+    lane.rate_max = plan["rate"]
     lane.n_launch = lane.n0 = lane.window_n_min = lane.window_n_max = n
     lane.rate0 = rate
     lane.sign = lane.side = 1.0 if n > 0.0 else -1.0
-    lane.far = plan[run, FAR]
+    lane.far = plan["far"]
     lane.t_zero = lane.t_pending = lane.t_crossed = -1.0
     lane.awaited = NEVER
-    if plan[run, TAPPED] > 0.0:
-        lane.awaited = plan[run, FAR]
+    if plan["tapped"] > 0.0:
+        lane.awaited = plan["far"]
         lane.arm = 1.0
-        lane.arm_rate = lane.far_rate = plan[run, RATE]
+        lane.arm_rate = lane.far_rate = plan["rate"]
         lane.rate_max = UNKNOWN_RATE
         lane.side = 0.0
     lane.n_least = abs(n)
-    lane.energy0 = energy_at(lane, lane.y)
-    lane.rim = plan[run, RIM_HEIGHT]
-    if lane.problem.hooks.left(lane, lane.y) <= 0.0:
+    lane.energy0 = model.energy(lane.y, lane.constants)
+    lane.rim = plan["rim"]
+    if lane.problem.modes.left(lane, lane.y) <= 0.0:
         lane.watched = 1.0
-    lane.limit1 = lane.problem.hooks.limit(lane, 0.0, lane.y, lane.f)
+    lane.limit1 = lane.problem.modes.limit(lane, 0.0, lane.y, lane.f)
     lane.ratio1, lane.lift1 = contact_points(lane, 0.0, lane.y, lane.f)
-    lane.normal_min = 1e290
+    lane.normal_min = NEVER
     note_contact(lane)
     start_points(lane)
-    lane.fuzz = plan[run, FUZZ]
-    lane.dead = plan[run, DEAD]
-    lane.h_longest = plan[run, LONGEST]
-    if plan[run, FIRST_STEP] >= lane.t_end:
+    lane.fuzz = plan["fuzz"]
+    lane.dead = plan["dead"]
+    lane.h_longest = plan["longest_step"]
+    if plan["first_step"] >= lane.t_end:
         lane.last = 1.0
-    lane.h = lane.h_next = min(plan[run, FIRST_STEP], lane.t_end)
+    lane.h = lane.h_next = min(plan["first_step"], lane.t_end)
+    lane.problem.modes.launch(lane)
+    lane.problem.tangents.start(lane)
 
 
 @njit(**INNER)
@@ -529,7 +462,7 @@ def idle(lane):
     n, _ = derive(lane)
     lane.n0 = n
     lane.sign = 1.0
-    lane.t_end = lane.window_end = lane.next = 1e290
+    lane.t_end = lane.window_end = lane.next = NEVER
     lane.awaited = NEVER
 
 
@@ -548,11 +481,12 @@ def hold_back(lane):
 
 
 @njit(**INNER)
-def finish(lane, status, reversal, t, run, result, counts, recording):
+def finish(lane, status, reversal, t, run, outputs, recording):
     """Store the results of a run that ends with the step just tried, at time ``t``."""
+    lane.problem.tangents.note(lane, t, run, window_row(lane), recording.lyapunov)
     energy0 = lane.energy0
-    drift = (lane.problem.hooks.energy(lane) - energy0) / energy0
-    if status in (OK, LIMIT, RIM) and not abs(drift) <= MAX_ENERGY_DRIFT:
+    drift = (lane.problem.modes.energy(lane) - energy0) / energy0
+    if status in (OK, AT_LIMIT, RIM) and not abs(drift) <= MAX_ENERGY_DRIFT:
         status = ENERGY if isfinite(drift) else NONFINITE
     n = lane.n1
     include_end(lane)
@@ -572,22 +506,24 @@ def finish(lane, status, reversal, t, run, result, counts, recording):
         recording.contact[run, 0, 1] = lane.normal_min
     if recorded(recording.volume) and status == OK:
         recording.volume[run, 0, 0] = (lane.volume + lane.h * lane.volume_rate1) / t
-    result[run, T_END] = t
-    result[run, T_R] = t_r
-    result[run, N_END] = n
-    result[run, DRIFT] = drift
+    result = outputs.results[run]
+    result["t_end"] = t
+    result["t_r"] = t_r
+    result["n_end"] = n
+    result["energy_drift"] = drift
     # The first comparison only sets the reference.
-    result[run, GROWTH] = sqrt(lane.growth) - 1.0 if lane.compared > 1.0 else nan
+    result["amp_growth"] = sqrt(lane.growth) - 1.0 if lane.compared > 1.0 else nan
     lost = min(lane.n_least, lane.sign * n) / abs(lane.n_launch)
-    result[run, DEPARTURE] = 1.0 - lost
-    result[run, ENERGY_0] = energy0
+    result["n_departure"] = 1.0 - lost
+    result["energy_0"] = energy0
+    result["status"] = status
+    result["n_steps"] = int(lane.steps)
+    result["near_tangencies"] = int(lane.near)
+    result["n_rejected"] = int(lane.rejected)
+    result["n_turns"] = int(lane.reversals)
     for i, component in enumerate(lane.y1):
-        result[run, FIRST_STATE + i] = component
-    counts[run, STATUS] = status
-    counts[run, STEPS] = int(lane.steps)
-    counts[run, NEAR] = int(lane.near)
-    counts[run, REJECTED] = int(lane.rejected)
-    counts[run, TURNS] = int(lane.reversals)
+        outputs.y_end[run, i] = component
+    lane.problem.modes.store(lane, t, result)
 
 
 @njit(**INNER)
@@ -600,218 +536,7 @@ def advance(problem, w):
         lane.f = lane.f1
 
 
-# A tangent.
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def start_tangent(lane):
-    """Give a lane the model's first tangent, made transverse and of norm 1."""
-    model = lane.problem.model
-    lane.v = model.seed(lane.y, lane.constants)
-    p, q, a, b, c = model.transverse(lane.y, lane.f, lane.v, lane.constants)
-    norm = sqrt(model.square((p, q, a, b, c), lane.constants))
-    v = p / norm, q / norm, a / norm, b / norm, c / norm
-    lane.v = v
-    # All components but the last are read again.  This decides which products are
-    # fused, and so keeps the last bits of the exponents.
-    barrier()
-    lane.g = model.rate(lane.y, lane.f, lane.v[:-1] + v[-1:], lane.constants)
-    lane.shift = 0.0
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def advance_tangent(problem, w):
-    """Move the tangents of all lanes to the end of their step."""
-    widest_vectors()
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        lane.v = lane.v1
-        lane.g = lane.g1
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        size = problem.model.square(lane.v, lane.constants)
-        factor = SHORTER if size > LONG else 1.0
-        factor = LONGER if size < SHORT else factor
-        out = 1.0 * SHIFT if size > LONG else 0.0
-        out = -1.0 * SHIFT if size < SHORT else out
-        p, q, a, b, c = lane.v
-        lane.v = p * factor, q * factor, a * factor, b * factor, c * factor
-        p, q, a, b, c = lane.g
-        lane.g = p * factor, q * factor, a * factor, b * factor, c * factor
-        lane.shift += out
-
-
 @njit(**INNER)
 def window_row(lane):
     """Return the row of the window in the table of growths."""
     return min(int(lane.window_no), N_WINDOWS - 1)
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def note_tangent(lane, t, run, k, growths):
-    """Store the time and the tangent's growth in row ``k``."""
-    barrier()
-    growths[run, k, 0] = t
-    growth = 0.5 * log(lane.problem.model.square(lane.v1, lane.constants))
-    growths[run, k, 1] = growth + LOG_2 * lane.shift
-    barrier()
-
-
-# A frame of tangents, which is made orthonormal after each step.
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def start_frame(lane):
-    """Give a lane the model's first frame, made transverse and orthonormal."""
-    model = lane.problem.model
-    q = lane.constants
-    frame = model.transverse(lane.y, lane.f, model.seed(lane.y, q), q)
-    lane.v = model.solve(frame, model.factor(frame, q))
-    lane.g = model.rate(lane.y, lane.f, lane.v, q)
-    flow, steep = model.trivial(lane.y, lane.f, q)
-    lane.flow0 = 0.5 * log(flow)
-    lane.steep0 = 0.5 * log(steep)
-    lane.length = 1.0, 1.0, 1.0
-    lane.shifts = 0.0, 0.0, 0.0
-
-
-@scalar
-def _scaled(length):
-    """Return a growth with a power of two taken out, and its exponent."""
-    factor = SHORTER if length > LONGER else 1.0
-    factor = LONGER if length < SHORTER else factor
-    out = 1.0 * SHIFT if length > LONGER else 0.0
-    out = -1.0 * SHIFT if length < SHORTER else out
-    return length * factor, out
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def advance_frame(problem, w):
-    """Move the frames of all lanes to the end of their step."""
-    widest_vectors()
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        frame = lane.v1
-        triangle = problem.model.factor(frame, lane.constants)
-        # A lane that does not move keeps its frame to the last bit.
-        moves = lane.accept > 0.0
-        r11, r22, r33, r12, r13, r23 = triangle
-        triangle = (
-            r11 if moves else 1.0,
-            r22 if moves else 1.0,
-            r33 if moves else 1.0,
-            r12 if moves else 0.0,
-            r13 if moves else 0.0,
-            r23 if moves else 0.0,
-        )
-        lane.v = problem.model.solve(frame, triangle)
-        lane.g = problem.model.solve(lane.g1, triangle)
-        first, second, third = lane.length
-        first, out_1 = _scaled(first * triangle[0])
-        second, out_2 = _scaled(second * triangle[1])
-        third, out_3 = _scaled(third * triangle[2])
-        lane.length = first, second, third
-        s1, s2, s3 = lane.shifts
-        lane.shifts = s1 + out_1, s2 + out_2, s3 + out_3
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def note_frame(lane, t, run, k, growths):
-    """Store the time and the five growths in row ``k``.
-
-    Where the flow has decayed too far to tell its direction, the row stays empty.
-    """
-    model = lane.problem.model
-    barrier()
-    flow, steep = model.trivial(lane.y1, lane.f1, lane.constants)
-    if flow < NO_FLOW:
-        return
-    triangle = model.factor(lane.v1, lane.constants)
-    growths[run, k, 0] = t
-    for i in range(len(lane.length)):
-        growth = log(lane.length[i] * triangle[i])
-        growths[run, k, 1 + i] = growth + LOG_2 * lane.shifts[i]
-    growths[run, k, FLOW_GROWTH] = 0.5 * log(flow) - lane.flow0
-    growths[run, k, ENERGY_GROWTH] = lane.steep0 - 0.5 * log(steep)
-    barrier()
-
-
-# A run and its tangents.
-
-
-@njit(**INNER)
-def start_both(lane, run, y0, constants, probe, plan):
-    """Start a run with tangents in a lane."""
-    start(lane, run, y0, constants, probe, plan)
-    barrier()
-    lane.problem.hooks.start_tangents(lane)
-    barrier()
-
-
-@njit(**INNER)
-def advance_both(problem, w):
-    """Move all lanes and their tangents to the end of their step."""
-    advance(problem, w)
-    problem.hooks.advance_tangents(problem, w)
-
-
-@njit(**INNER)
-def pass_marks_both(lane, t, run, recording):
-    """Pass marks, and store the growth of tangents at the end of a window.
-
-    That of a frame is also stored at the marks in the first window.
-    """
-    k = window_row(lane)
-    if t < lane.window_end:
-        k = N_WINDOWS + int(lane.compared)
-    if k < recording.lyapunov.shape[1]:
-        lane.problem.hooks.note_tangents(lane, t, run, k, recording.lyapunov)
-    pass_marks(lane, t, run, recording)
-
-
-@njit(**INNER)
-def finish_both(lane, status, reversal, t, run, result, counts, recording):
-    """Store the results of a run, and the growth of its tangents."""
-    k = window_row(lane)
-    lane.problem.hooks.note_tangents(lane, t, run, k, recording.lyapunov)
-    finish(lane, status, reversal, t, run, result, counts, recording)
-
-
-def hooks_of(model: Model, rimmed: bool) -> Hooks:
-    """Return the functions that differ between models."""
-    hooks = Hooks(
-        start=start,
-        prepare=prepared,
-        pass_marks=pass_marks,
-        finish=finish,
-        advance=advance,
-        limit=no_limit if model.limit is None else limit_point,
-        left=no_rim,
-        observe_limit=observe_limit,
-        energy=energy_after,
-        work=work_after,
-        change=unchanged,
-        observe=observe,
-    )
-    if rimmed:
-        hooks = replace(hooks, limit=rim_point, left=below_rim, change=past_rim)
-    if model.n_tangents == 0:
-        return hooks
-    hooks = replace(
-        hooks,
-        start=start_both,
-        pass_marks=pass_marks_both,
-        finish=finish_both,
-        advance=advance_both,
-        start_tangents=start_tangent,
-        advance_tangents=advance_tangent,
-        note_tangents=note_tangent,
-    )
-    if model.n_tangents == 1:
-        return hooks
-    return replace(
-        hooks,
-        start_tangents=start_frame,
-        advance_tangents=advance_frame,
-        note_tangents=note_frame,
-    )

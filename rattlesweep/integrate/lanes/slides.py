@@ -15,7 +15,6 @@ equations have no sense beyond its zero.
 """
 
 # mypy: ignore-errors
-from dataclasses import replace
 from math import floor, isfinite, sqrt
 from typing import NamedTuple
 
@@ -23,15 +22,20 @@ import numpy as np
 from numba import njit
 
 from rattlesweep.integrate.collocation import radau
-from rattlesweep.integrate.lanes import pivots, runs
-from rattlesweep.integrate.lanes.events import STEP, may_dip, may_peak
+from rattlesweep.integrate.lanes import runs
+from rattlesweep.integrate.lanes.events import STEP
+from rattlesweep.integrate.lanes.extremes import may_dip, may_peak
 from rattlesweep.integrate.lanes.lane import (
     INNER,
     N_SLIP,
+    NEVER,
+    ROLLING,
+    SLIDING,
     SLIP_ANGLE,
     SLIP_SPEED,
     SLIP_WORK,
-    Hooks,
+    TINY,
+    Mode,
     Point,
     Slip,
     first_of,
@@ -53,7 +57,7 @@ from rattlesweep.physics.sliding import (
 )
 
 OK = int(Status.OK)
-LIMIT = int(Status.LIMIT)
+AT_LIMIT = int(Status.LIMIT)
 STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
 LIFTS_OFF = int(Status.LIFTS_OFF)
 JAMMED = int(Status.JAMMED)
@@ -91,8 +95,12 @@ AT_RIM = 1e-9
 # in radians of the fastest swing: it falls as the root of the time that is left.
 JAMMING_ANGLE = 1e-6
 TURN_AHEAD = 1e-6  # of differences with respect to the angle
-# Columns of the results of a run, after its state.
-T_SLIDE, SLIDES, SLIDE_TIME, SLIDE_WORK, N_COLUMNS = range(5)
+RESULTS = (
+    ("t_slide", float),
+    ("n_slides", np.int32),
+    ("slide_time", float),
+    ("slide_work", float),
+)
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -327,7 +335,7 @@ def squared_error(lane, rates, scale):
     state_error, slip_error = stage_of(lane, third)
     low, _ = error(state_error, lane.y1, lane.constants)
     low += squared_slip(slip_error, lane.slip1.speed)
-    fall = high / (low + 1e-290)
+    fall = high / (low + TINY)
     return high * fall * fall / max(size / scale, squared_rounding(lane))
 
 
@@ -364,7 +372,7 @@ def set_limit(lane):
     # Where the angle is stiff, it follows the force at once, as in an implicit step.
     turn = ahead * later.slip.angle / (1.0 + ahead * abs(later.stiffness))
     later = motion_of(lane, state, Slip(speed, slip.angle + turn, slip.work))
-    left = lane.problem.hooks.left
+    left = lane.problem.modes.left
     limit = now.margin * left(lane, lane.y1)
     later_limit = later.margin * left(lane, state)
     lane.limit1 = Point(lane.h, limit, (later_limit - limit) / ahead)
@@ -429,13 +437,13 @@ def try_slide(lane, scale, contact_recorded):
     rest = time_to_rest(lane, now)
     angle = rest * lane.swing
     ends = angle < LAST_ANGLE
-    if lane.mode == STEP:
+    if lane.search == STEP:
         # The cubic term of the speed may bring the rest nearer.
         left = 0.0 if ends else min(MOST_LEFT, max(LEAST_LEFT, angle * angle))
         if rest * (1.0 - left) < lane.h:
             lane.h = rest * (1.0 - left)
             lane.last = 0.0
-    if ends and lane.mode == STEP and not is_steady(lane, now, rest):
+    if ends and lane.search == STEP and not is_steady(lane, now, rest):
         contact, _, _ = contact_at_slip(lane, lane.y, lane.slip)
         if meets_singularity(contact, lane.mu, lane.slip.angle):
             lane.refused = JAMMED
@@ -491,7 +499,7 @@ def hold_point(lane, h, y, f):
     """
     ahead = runs.DIFFERENCE / lane.swing
     contact = lane.problem.model.contact
-    left = lane.problem.hooks.left
+    left = lane.problem.modes.left
     normal, tangential = contact(y, lane.constants)
     now = (lane.mu * normal - tangential) * left(lane, y)
     y_later = moved(y, f, ahead)
@@ -557,6 +565,7 @@ def begin(lane, t):
     longest = max(lane.h, lane.h_next)
     status = slide_from_rest(lane)
     if status == OK:
+        lane.mode = SLIDING
         lane.h_rolling = longest
         lane.t_begin = t
         if lane.slides == 0.0:
@@ -569,82 +578,86 @@ def begin(lane, t):
 def end(lane, t):
     """End a slide at the end of the step, at time ``t``, or let it go on."""
     y = lane.y1
-    # The force jumps here, and both its values count.
-    runs.note_contact(lane)
+    lane.problem.modes.settle(lane, y, t)
     f = lane.problem.model.rhs(y, lane.constants)
-    limit = hold_point(lane, lane.h, y, f)
-    if limit.value <= 0.0:
+    if hold_point(lane, lane.h, y, f).value <= 0.0:
+        # It slides on in another direction, in which the force is another, too.
+        lane.mode = SLIDING
+        runs.note_contact(lane)
         return slide_from_rest(lane)
-    lane.f1 = f
-    lane.rate1 = lane.problem.model.spin_rate(y, f)
-    lane.limit1 = limit
-    lane.ratio1, lane.lift1 = runs.contact_points(lane, lane.h, y, f)
+    runs.jump(lane)
     lane.h_next = lane.h_rolling
-    lane.root = 1.0
     lane.slide_time += t - lane.t_begin
     return OK
 
 
 @njit(**INNER)
-def change(lane, status, move, recording):
-    """Change between rolling and sliding after a step that is taken or ends the run.
-
-    Return a status and the move.
-    """
-    return status_after(lane, status), move
-
-
-@njit(**INNER)
-def status_after(lane, status):
-    """Change between rolling and sliding; return a status."""
+def change_rolling(lane, status, move, recording):
+    """Begin a slide after a step that ends at the limit of friction."""
     if lane.refused > 0.0:
-        return int(lane.refused)
-    if status == LIMIT and lane.problem.hooks.left(lane, lane.y1) < AT_RIM:
-        return RIM
-    t = lane.t + (lane.h - lane.t_low)
-    slid = lane.slip.speed > 0.0
-    if status == LIMIT and slid:
-        contact, _, _ = contact_at_slip(lane, lane.y1, lane.slip1)
-        return why_not(contact)
-    if status == STEP_TOO_SMALL and slid:
-        return JAMMED if jams(lane) else status
-    if status == LIMIT:
-        return begin(lane, t)
-    if status == OK and slid and lane.slip1.speed == 0.0:
-        return end(lane, t)
-    return status
-
-
-# What differs from runs that always roll.
+        return int(lane.refused), move
+    if status == AT_LIMIT and lane.problem.modes.left(lane, lane.y1) < AT_RIM:
+        return RIM, move
+    if status == AT_LIMIT:
+        status = begin(lane, lane.t + (lane.h - lane.t_low))
+    return status, move
 
 
 @njit(**INNER)
-def start(lane, run, y0, constants, probe, plan):
-    """Start a run in a lane; it slides at once where the plane cannot hold it."""
-    runs.start(lane, run, y0, constants, probe, plan)
+def change_sliding(lane, status, move, recording):
+    """End a slide after a step that ends at rest, or say why it cannot go on."""
+    if lane.refused > 0.0:
+        return int(lane.refused), move
+    if status == AT_LIMIT and lane.problem.modes.left(lane, lane.y1) < AT_RIM:
+        return RIM, move
+    if status == AT_LIMIT:
+        contact, _, _ = contact_at_slip(lane, lane.y1, lane.slip1)
+        status = why_not(contact)
+    elif status == STEP_TOO_SMALL and jams(lane):
+        status = JAMMED
+    elif status == OK and lane.slip1.speed == 0.0:
+        status = end(lane, lane.t + (lane.h - lane.t_low))
+    return status, move
+
+
+@scalar
+def slide_point(lane, h, y, f):
+    """Return the limit of a slide, which its steps compute with the forces."""
+    return lane.limit1
+
+
+# What differs from bodies that always roll: see `lane.Modes`.
+
+
+@njit(**INNER)
+def prepare(lane, constants, rate):
+    """Set what the equations need: the coefficient of friction."""
     lane.t_slide = -1.0
-    lane.mu = constants[run, lane.problem.model.n_constants]
-    lane.limit1 = lane.problem.hooks.limit(lane, 0.0, lane.y, lane.f)
+    lane.mu = constants[lane.problem.model.n_constants]
+
+
+@njit(**INNER)
+def launch(lane):
+    """Slide from the launch on where the plane cannot hold the body."""
+    if lane.limit0.value >= 0.0:
+        return
+    lane.y1 = lane.y
+    lane.f1 = lane.f
+    lane.refused = begin(lane, 0.0)
+    lane.slip = lane.slip1
+    lane.f = lane.f1
+    lane.rate0 = lane.rate1
+    lane.h = min(lane.h, lane.h_next)
     runs.start_points(lane)
-    if lane.limit0.value < 0.0:
-        lane.y1 = lane.y
-        lane.f1 = lane.f
-        lane.refused = begin(lane, 0.0)
-        lane.slip = lane.slip1
-        lane.f = lane.f1
-        lane.rate0 = lane.rate1
-        lane.h = min(lane.h, lane.h_next)
-        runs.start_points(lane)
-        # The force that would hold the body never acts.
-        lane.ratio_max = 0.0
-        lane.normal_min = 1e290
-        runs.note_contact(lane)
+    # The force that would hold the body never acts.
+    lane.ratio_max = 0.0
+    lane.normal_min = NEVER
+    runs.note_contact(lane)
 
 
 @njit(**INNER)
 def advance(problem, w):
-    """Move all lanes to the end of their step."""
-    runs.advance(problem, w)
+    """Move the slip of all lanes to the end of their step."""
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         slip = lane.slip1
@@ -682,19 +695,15 @@ def work(lane):
 
 
 @njit(**INNER)
-def finish(lane, status, reversal, t, run, result, counts, recording):
-    """Store the results of a run, and of its slides."""
-    runs.finish(lane, status, reversal, t, run, result, counts, recording)
+def store(lane, t, result):
+    """Store the results of slides."""
     if lane.slip1.speed > 0.0:
         lane.slide_time += t - lane.t_begin
-    first = runs.FIRST_STATE + lane.problem.model.n_state
-    if lane.problem.pivots:
-        first += pivots.N_COLUMNS
-    result[run, first + T_SLIDE] = lane.t_slide if lane.t_slide >= 0.0 else np.nan
-    result[run, first + SLIDES] = lane.slides
-    result[run, first + SLIDE_TIME] = lane.slide_time
+    result["t_slide"] = lane.t_slide if lane.t_slide >= 0.0 else np.nan
+    result["n_slides"] = int(lane.slides)
+    result["slide_time"] = lane.slide_time
     # Zero and not -0 for a run that never slides.
-    result[run, first + SLIDE_WORK] = 0.0 - lane.slip1.work / lane.energy0
+    result["slide_work"] = 0.0 - lane.slip1.work / lane.energy0
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -707,18 +716,5 @@ def observe_body(model, y, slip, constants, mu):
     return energy_of(model, y, slip, constants), normal, tangential
 
 
-HOOKS = Hooks(
-    start=start,
-    prepare=runs.prepared,
-    pass_marks=runs.pass_marks,
-    finish=finish,
-    advance=advance,
-    limit=hold_point,
-    left=runs.no_rim,
-    observe_limit=runs.observe_limit,
-    energy=energy,
-    work=work,
-    change=change,
-    observe=observe_body,
-)
-RIMMED_HOOKS = replace(HOOKS, left=runs.below_rim)
+ROLLING_MODE = Mode(ROLLING, hold_point, change_rolling)
+SLIDING_MODE = Mode(SLIDING, slide_point, change_sliding, results=RESULTS, store=store)
