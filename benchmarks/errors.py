@@ -5,7 +5,7 @@
     python benchmarks/errors.py --promise      # accuracy: {t_r: 1e-6}
     python benchmarks/errors.py --worst 40     # the worst runs of quickstart, 32 digits
 
-The estimate and its constants are those of the package (rattlesweep/work/error.py);
+The estimate and its constants are those of the package (rattlesweep/work/error*.py);
 docs/accuracy.md describes the runs with large errors, which it has to mark.
 
 The truth is verner98 at 1e-14; where dop853 at 1e-13 differs by more than 1e-9, the
@@ -39,7 +39,7 @@ from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.store.types import classify, sure_types
-from rattlesweep.work import error
+from rattlesweep.work import error, error_fit
 from rattlesweep.work.block import run_batch
 
 sys.path.insert(0, str(ROOT / "tests" / "helpers"))
@@ -226,7 +226,7 @@ class Pair:
     @property
     def estimated(self) -> error.Estimated:
         """The runs with their estimated errors, as in the rows of a sweep."""
-        settings = self.value, self.companion_setting
+        settings = error.Settings(self.value, self.companion_setting)
         batch = self.mix.batch
         return error.with_errors(
             self.config, batch, self.runs, self.companions, settings
@@ -292,8 +292,8 @@ def refit(pairs: list[Pair]) -> None:
     """Print the constants of least overestimate that cover the wanted share."""
     trials = []
     for values in itertools.product(*TRIED):
-        fit = error.ErrorFit(*values)
-        error.FITS["dop853"] = fit
+        fit = error_fit.ErrorFit(*values)
+        error_fit.FITS["dop853"] = fit
         judged = [judge(*pair.errors()) for pair in pairs]
         least_covered = min(covered for covered, _ in judged)
         most_over = max(over for _, over in judged)

@@ -23,17 +23,10 @@ from rattlesweep.api.arrays import (
 from rattlesweep.api.contact import contact_patch
 from rattlesweep.api.drawn import draw_bodies
 from rattlesweep.api.exports import export
-from rattlesweep.api.single import (
-    Page,
-    Run,
-    Trajectory,
-    fit,
-    replay,
-    show,
-    simulate,
-    trajectory,
-)
+from rattlesweep.api.fits import fit
+from rattlesweep.api.single import Run, simulate
 from rattlesweep.api.sweeps import Sweep, load, sweep
+from rattlesweep.api.trajectories import Page, Trajectory, replay, show, trajectory
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.intervals import wilson

@@ -16,7 +16,7 @@ from rattlesweep.api.arrays import (
     names_of,
     to_frame,
 )
-from rattlesweep.api.single import (
+from rattlesweep.api.trajectories import (
     SHOWN,
     Page,
     Trajectory,

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.design.plan import Plan
     from rattlesweep.work.forecast import Forecast
-    from rattlesweep.work.job import Job
-    from rattlesweep.work.run import Engine, Shard
+    from rattlesweep.work.run import Engine, Shard, Swept
 
 SHARD = Kind("i/n", "rattlesweep.work.run:Shard.parse")
 LIMIT = Kind("time", "rattlesweep.work.slurm:limit_of")
@@ -226,7 +225,7 @@ def _compile(planned: Plan) -> None:
     say("the kernels are compiled")
 
 
-def _say_result(result: Job, quiet: bool, verbose: bool) -> int:
+def _say_result(result: Swept, quiet: bool, verbose: bool) -> int:
     """Print what became of the runs of a sweep, and return the exit code."""
     directory = result.stored.directory
     for path in result.found.damaged:

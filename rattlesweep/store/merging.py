@@ -25,7 +25,7 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Integers
-from rattlesweep.errors import DamagedError, OutputError
+from rattlesweep.errors import DamagedError, GoneError, OutputError
 from rattlesweep.files import check_place, explained, sync_folder
 from rattlesweep.store.rows import (
     KEY,
@@ -171,7 +171,9 @@ def _finish(stored: Stored, mine: Mine) -> None:
     for merged in stored.files():
         if merged.parent != stored.merging:
             continue
-        with suppress(DamagedError):  # it is found again, and set aside
+        # A damaged file is found again, and set aside.  One that is gone was the merge
+        # of another shard, which has finished it.
+        with suppress(DamagedError, GoneError):
             rows = stored.rows_of(merged)
             if metadata(rows).get(SWEEP) != stored.hash:
                 continue

@@ -255,8 +255,13 @@ class Stored(Design):
             raise OutputError(f"{paths[0]} is damaged, and {leads}; {advice}")
         check_place(folder)
         for path in paths:
-            with contextlib.suppress(DamagedError):
+            try:
                 read_parquet(path)
+            except GoneError:  # another shard has set it aside
+                continue
+            except DamagedError:
+                pass
+            else:
                 what = "could not be read at first, but is not damaged"
                 raise OutputError(f"{path} {what}; run the same command again")
             with explained(f"cannot move {path} to {folder}"):

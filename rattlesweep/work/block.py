@@ -28,7 +28,8 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, METHODS, TOL
 from rattlesweep.integrate.task import Control, Task
 from rattlesweep.store.decide import Refining
-from rattlesweep.work.error import fit_of, integrate_estimated
+from rattlesweep.work.error import integrate_estimated
+from rattlesweep.work.error_fit import fit_of
 from rattlesweep.work.results import Results, closed_form
 
 Prepared: TypeAlias = tuple[Launches, Batch | None]  # no batch for the closed form

@@ -42,7 +42,6 @@ import numpy as np
 from rattlesweep.arrays import Flags, Floats, Integers, put, take
 from rattlesweep.design.config.schema import Config
 from rattlesweep.design.models import model_of
-from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import (
     Batch,
     Outcome,
@@ -56,48 +55,7 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.integrate.task import Control
 from rattlesweep.physics import full
-
-TIGHTEST = 1e-14  # tolerance below which rounding dominates the error of a step
-
-
-class ErrorFit(NamedTuple):
-    """Constants of the estimate."""
-
-    floor: float = 0.5
-    near: float = 10.0
-    slope: float = 10.5
-    share: float = 0.0007
-    power: float = 1.0
-    looser: float = 2e3  # ratio of the companion's tolerance to the run's
-    tightest: float = TIGHTEST  # tolerance below which the floor does not fall
-
-
-FITS = {
-    "dop853": ErrorFit(),
-    "dopri5": ErrorFit(),
-    "verner98": ErrorFit(floor=0.2),
-    "rk4": ErrorFit(floor=0.0, share=0.003),
-}
-"""Constants by method; a method without them has no estimate."""
-# Constants by surface and by law of friction, None for those of the method; those of a
-# law count before those of a surface.  Others have no estimate.
-SURFACE_FITS: dict[str, ErrorFit | None] = {
-    "paraboloid": None,
-    # Its large swings are harder to integrate.
-    "ellipsoid": ErrorFit(slope=20.0, share=0.002),
-}
-LAW_FITS: dict[str, ErrorFit | None] = {
-    "viscous": None,
-    # Kinks lower the order of all methods, so a companion must be nearly as accurate as
-    # the run.
-    "rolling": ErrorFit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0),
-    # Zeros and rests of the spin split the motion into smooth parts, but a zero that
-    # only one of two runs has changes what follows.
-    "pivoting": ErrorFit(slope=6.0, power=0.8, looser=100.0),
-}
-# Constants for a foot that slides, without a law or with a viscous couple.  The begin
-# of a slide is known to a few 1e-12 at any tolerance.
-SLIDING_FIT = ErrorFit(slope=8.0, looser=300.0, tightest=3.5e-12)
+from rattlesweep.work.error_fit import TIGHTEST, fit_of
 
 LEAST_LOOSER = 10.0  # smallest ratio of the companion's tolerance to the run's
 LOOSEST = 1e-5  # largest tolerance of a companion; at larger ones most runs part
@@ -168,6 +126,13 @@ def integrate_estimated(
     return replace(estimated, stopped=stopped)
 
 
+class Settings(NamedTuple):
+    """Tolerances of runs and of their companions; steps, for methods of fixed steps."""
+
+    runs: float
+    companions: float
+
+
 class _Stages:
     """Integrations of a block one after another, each a stage of the control."""
 
@@ -179,15 +144,18 @@ class _Stages:
         self.record = frozenset(config.record) - {"reversals"}
         self.rungs, costs = ladder(config)
         if self.has_turns:
+            # Companions and runs once more, to the horizon.
             costs = [*costs, *costs[:2]]
+        # Whether later stages may integrate some of the runs again.
+        self._repeats = len(costs) > 2
         ends = np.cumsum([0.0, *costs])
         self._ends = ends / ends[-1]
-        self._stage = 0
+        self._stage = 0  # the next one
         self._threads = threads
 
-    def settings(self, rung: int) -> tuple[float, float]:
-        """Return the setting of the runs on a rung, and that of their companions."""
-        return self.rungs[rung], self.rungs[rung - 1]
+    def settings(self, rung: int) -> Settings:
+        """Return the settings of the runs on a rung and of their companions."""
+        return Settings(self.rungs[rung], self.rungs[rung - 1])
 
     def integrate(
         self,
@@ -200,10 +168,11 @@ class _Stages:
         integrator = self.config.integrator
         tableau = METHODS[integrator.method]
         model = model_of(self.config)
-        # Runs that end are done if no later stage may repeat them.
-        is_last = self._stage == 1 and len(self._ends) == 3
-        begin, end = self._ends[self._stage : self._stage + 2]
-        self.control.stage(begin, end, ends=is_last)
+        # Runs, unlike companions, are done when they end if no stage repeats them.
+        ends_runs = self._stage == 1 and not self._repeats
+        begin = self._ends[self._stage]
+        end = self._ends[self._stage + 1]
+        self.control.stage(begin, end, ends=ends_runs)
         self._stage += 1
         max_steps = integrator.max_steps
         longest_step = None
@@ -344,20 +313,18 @@ class _Scale:
     `common` is the first term of the estimate, `ratio` is r.
     """
 
-    def __init__(self, config: Config, settings: tuple[float, float]) -> None:
+    def __init__(self, config: Config, settings: Settings) -> None:
         tableau = METHODS[config.integrator.method]
-        setting, companion_setting = settings
         self.fit = fit_of(config)
         self.order = tableau.order
         self.adaptive = tableau.adaptive
-        self.ratio = setting / companion_setting
-        tol = setting
+        self.ratio = settings.runs / settings.companions
+        tol = settings.runs
         if not tableau.adaptive:  # the errors of fixed steps are systematic
             self.ratio **= tableau.order
             tol = 0.0
-        self.common = (self.fit.floor + self.fit.near * self.ratio) * max(
-            tol, self.fit.tightest
-        )
+        of_steps = self.fit.floor + self.fit.near * self.ratio
+        self.common = of_steps * max(tol, self.fit.tightest)
 
     def carried(self, ratio: Floats | float) -> Floats:
         """Return the part of a difference that the run has, for a ratio r of errors."""
@@ -396,7 +363,7 @@ def with_errors(
     batch: Batch,
     runs: Outcome,
     companions: Outcome,
-    settings: tuple[float, float],
+    settings: Settings,
     before: Floats | float = 0.0,
 ) -> Estimated:
     """Add errors to runs.
@@ -421,7 +388,7 @@ def with_errors(
     is_cut = companions.status == Status.STOPPED
     tol = np.nan
     if scale.adaptive:
-        tol, _ = settings
+        tol = settings.runs
     values = vars(runs) | {"status": np.where(is_cut, Status.STOPPED, runs.status)}
     return Estimated(
         **values,
@@ -573,34 +540,4 @@ def _with_turns(
         apart=to_reversal.apart,
         companion_t_r=to_reversal.companion_t_r,
         grazes=to_reversal.grazes,
-    )
-
-
-def fit_of(config: Config) -> ErrorFit:
-    """Return the constants of a sweep; ConfigError for a method that has none."""
-    method = config.integrator.method
-    if method not in FITS:
-        raise ConfigError(
-            f"integrator.method: errors are not calibrated for {method}; leave out "
-            f"record: [error] and accuracy, or use {' or '.join(FITS)}"
-        )
-    surface = config.bodies.bottom
-    law = config.dissipation.law
-    for name, known in ((surface, SURFACE_FITS), (law, LAW_FITS)):
-        if name is not None and name not in known:
-            raise _uncalibrated(name)
-    rubs = config.dissipation.slides or law == "pivoting"
-    if rubs and SURFACE_FITS[surface] is not None:
-        raise _uncalibrated(f"{surface} with mu or pivot")
-    if config.dissipation.slides and law not in (None, "viscous"):
-        raise _uncalibrated(f"mu with the law {law}")
-    of_law = None if law is None else LAW_FITS[law]
-    if config.dissipation.slides:
-        of_law = of_law or SLIDING_FIT
-    return of_law or SURFACE_FITS[surface] or FITS[method]
-
-
-def _uncalibrated(what: str) -> ConfigError:
-    return ConfigError(
-        f"record: errors are not calibrated for {what}; leave out error and accuracy"
     )

@@ -31,6 +31,9 @@ _MOST = 8_192
 FASTER = 0.8
 SLOWER = 1.35
 LEAST_SHARE = 0.3  # of the processors, below which a forecast does not go
+# How much slower a sweep may become if a pilot gets next to nothing of the processors,
+# as many more programs may come where there are others.
+MOST_CROWDED = 3
 _SIZES = ("B", "kB", "MB", "GB", "TB")
 
 
@@ -116,6 +119,8 @@ def forecast(
     # Bodies are drawn while the kernel works, at its expense.
     beside = body_seconds * plan.runs
     share = min(1.0, max(pilot.share, LEAST_SHARE))
+    # Where others use the processors now, they may stop, or many more may come.
+    crowding = share + MOST_CROWDED * (1 - share)
     low = startup + kernel * max(0.0, mean - error)
     middle = startup / share + kernel * (mean + largest) / 2 + beside / 2
     high = startup / share + kernel * (largest + error) + beside
@@ -123,9 +128,8 @@ def forecast(
         runs=plan.runs,
         threads=threads,
         seconds=middle,
-        # Where others use the processors now, they may stop, or many more may come.
         low=min(middle, FASTER * share * low),
-        high=SLOWER * (3 - 2 * share) * high,
+        high=SLOWER * crowding * high,
         bytes=_files_size(pilot.rows, plan.runs),
         decides=plan.config.deciding_key,
     )

@@ -12,7 +12,7 @@ import math
 import signal
 import threading
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import FrameType
@@ -115,7 +115,7 @@ def _passes(samples: int, spread: bool) -> Iterator[tuple[int, int, int, bool]]:
 
 @dataclass
 class Job:
-    """The work of a session: its inputs, and what has been done so far."""
+    """The work of a session: what it is given, and what it has done so far."""
 
     plan: Plan
     stored: Stored  # where rows are written
@@ -126,18 +126,13 @@ class Job:
     deadline: float = math.inf  # of `time.monotonic`
     # Called before rows are written; raises an OutputError if others write there now.
     check: Callable[[], None] = lambda: None
-    # When the kernel was loaded, so that the rate leaves out compile time.
-    begun: float | None = None
-    runs: int = 0  # wanted runs that are on disk
-    done: int = 0  # runs computed in this session
-    kernel_seconds: float = 0.0
-    seconds: float = 0.0
-    stopped: str | None = None  # why the session ended early
-    # One row a case; None unless the whole sweep is done.
-    summary: pa.Table | None = None
-    missing: int = 0  # runs of other shards that are not on disk
 
     def __post_init__(self) -> None:
+        # When the kernel was loaded, so that the rate leaves out compile time.
+        self.begun: float | None = None
+        self.runs = 0  # wanted runs that are on disk
+        self.done = 0  # runs computed in this session
+        self.kernel_seconds = 0.0
         self._costs = Costs(case_costs(self.plan))
         self._writer = Writer(self.stored, self.plan.config.classify.as_text)
         method = METHODS[self.plan.config.integrator.method]
@@ -150,11 +145,6 @@ class Job:
         self._wanted = np.zeros(len(self._costs.each), np.int64)
         self._left = self._wanted
         self._fraction = 0.0  # reported last
-
-    @property
-    def failed(self) -> Counter[str]:
-        """Number of runs on disk by status, without those that are ok."""
-        return self.found.status - Counter(ok=self.found.status["ok"])
 
     def blocks(self, wanted: Flags) -> Iterator[Keys]:
         """Yield the wanted runs that are not on disk, in blocks of about equal time."""

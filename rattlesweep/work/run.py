@@ -10,6 +10,7 @@ import contextlib
 import math
 import re
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -84,6 +85,26 @@ class Shard:
         return np.asarray((case + sample) % self.count == self.index)
 
 
+@dataclass(frozen=True)
+class Swept:
+    """What a session has done, and what is then on disk."""
+
+    stored: Stored
+    found: Found
+    runs: int  # wanted runs that are on disk
+    done: int  # runs computed in the session
+    seconds: float
+    kernel_seconds: float
+    stopped: str | None  # why it ended early
+    missing: int  # runs of other shards that are not on disk
+    summary: pa.Table | None  # one row a case; None unless the whole sweep is done
+
+    @property
+    def failed(self) -> Counter[str]:
+        """Number of runs on disk by status, without those that are ok."""
+        return self.found.status - Counter(ok=self.found.status["ok"])
+
+
 def run_sweep(
     plan: Plan,
     directory: Path,
@@ -95,7 +116,7 @@ def run_sweep(
     max_time: float | None = None,
     retry_failed: bool = False,
     engine: Engine | None = None,
-) -> Job:
+) -> Swept:
     """Compute the runs of a plan that are not on disk; a stop keeps what has ended."""
     start = time.monotonic()
     threads = threads or available_threads()
@@ -116,20 +137,32 @@ def run_sweep(
         on_disk = _mend(stored, plan.config.classify, shard, retry_failed)
         deadline = math.inf if max_time is None else start + max_time
         job = Job(plan, stored, on_disk, threads, report, deadline, check)
+        missing = 0
+        summary = None
         try:
-            _compute_missing(job, shard, engine or local)
-            if job.stopped is None:
+            stopped = _compute_missing(job, shard, engine or local)
+            if stopped is None:
                 if shard is not None:  # other shards may have ended meanwhile
-                    job.missing = plan.runs - stored.count()
-                if not job.missing:
-                    job.summary = write_summary(stored)
-            record["how"] = "stopped" if job.stopped else "complete"
+                    missing = plan.runs - stored.count()
+                if not missing:
+                    summary = write_summary(stored)
+            record["how"] = "stopped" if stopped else "complete"
         finally:
-            job.seconds = time.monotonic() - start
+            seconds = time.monotonic() - start
             record["runs"] = job.done
-            record["seconds"] = round(job.seconds, 3)
+            record["seconds"] = round(seconds, 3)
             record["kernel_seconds"] = round(job.kernel_seconds, 3)
-    return job
+    return Swept(
+        stored=stored,
+        found=on_disk,
+        runs=job.runs,
+        done=job.done,
+        seconds=seconds,
+        kernel_seconds=job.kernel_seconds,
+        stopped=stopped,
+        missing=missing,
+        summary=summary,
+    )
 
 
 def _check_shard(plan: Plan, shard: Shard | None, retry_failed: bool) -> None:
@@ -183,8 +216,11 @@ def _mend(
     return again
 
 
-def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
-    """Compute the wanted runs until all are on disk or the time is up."""
+def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> str | None:
+    """Compute the wanted runs until all are on disk or the time is up.
+
+    Return why they were not all computed, or None.
+    """
     plan = job.plan
     on_disk = job.found
     while True:  # once, or once for each wave of `stop` and `bodies.refine`
@@ -195,17 +231,16 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
         if on_disk.done[wanted].all():
             if job.done:
                 job.report(Progress(1.0, job.runs, 0.0))
-            return
+            return None
         job.stored.drop_summary()
         try:
             engine(job, job.blocks(wanted))
         except OutOfTime:
             # The last run may end just as the time is up.
             if not on_disk.done[wanted].all():
-                job.stopped = "the time is up"
                 if not job.done:
-                    job.stopped += " before any run had ended; allow more"
-                return
+                    return "the time is up before any run had ended; allow more"
+                return "the time is up"
         except BaseException as error:
             if not isinstance(error, Exception):
                 error.add_note(f"{job.runs:,} runs are kept")

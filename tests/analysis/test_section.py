@@ -231,7 +231,10 @@ def test_a_picture_has_the_size_of_the_settings_or_axes_of_the_caller(tmp_path):
     axes = whole.subplots()
     assert run.plot_section("u_x", "omega_z", ax=axes) is whole
     assert axes.get_ylabel().startswith(r"$\omega_{z}$")
-    with pytest.raises(rs.ConfigError, match="two of its channels, t, n, "):
+    with pytest.raises(
+        rs.ConfigError,
+        match="a figure of this section needs two of its channels, t, n, ",
+    ):
         run.plot_section("F_normal")
 
 

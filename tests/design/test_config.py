@@ -155,11 +155,15 @@ def test_json_with_characters_beyond_the_first_plane_is_a_config(path):
     with pytest.raises(ConfigError, match="half of a character"):
         parse_config(data)
     path.write_text(GOOD["preset"] + 'model: "f\\ud83d"\n')
-    with pytest.raises(ConfigError, match=r"c\.yaml:3: model: the text has half of"):
+    with pytest.raises(
+        ConfigError, match=r"c\.yaml:3: model: the text has half of a character"
+    ):
         load_config(path)
     data["spin"]["n_i"] = "1 \U0001f600"
     path.write_text(json.dumps(data))
-    with pytest.raises(ConfigError, match=r"n_i: \S1 \U0001f600\S has the unit"):
+    with pytest.raises(
+        ConfigError, match=r"n_i: \S1 \U0001f600\S has the unit \U0001f600"
+    ):
         load_config(path)
 
 

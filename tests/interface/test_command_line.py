@@ -93,6 +93,18 @@ def test_help_and_refusals_load_nothing_heavy():
     subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
 
 
+def test_what_is_stored_is_read_without_numba():
+    code = """if True:
+        import sys
+        import rattlesweep.design.columns
+        import rattlesweep.store.classify
+        import rattlesweep.store.status
+        import rattlesweep.store.summary
+        assert not {"numba", "llvmlite"} & set(sys.modules)
+    """
+    subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+
+
 def test_a_sweep_loads_neither_pandas_nor_matplotlib(tmp_path):
     (tmp_path / "c.yaml").write_text(
         "bodies: {source: preset, name: GH}\n"

@@ -158,7 +158,9 @@ def test_a_config_may_have_quantities_of_pint(tmp_path):
     runs = rs.sweep(config, output=tmp_path / "o").runs
     np.testing.assert_allclose(runs.n_i_rpm, [60, 70], rtol=1e-14)
     config["spin"]["n_i"] = quantity([300.0], "K")
-    with pytest.raises(ConfigError, match=r"spin.n_i: has the unit kelvin, which no"):
+    with pytest.raises(
+        ConfigError, match=r"spin\.n_i: has the unit kelvin, which no quantity here has"
+    ):
         rs.sweep(config, output=tmp_path / "p")
 
 

@@ -165,7 +165,9 @@ def test_radii_that_change_with_the_range_are_told(stones, tmp_path):
     )
     assert done.exit_code == 0, done.stderr
     assert "warning: the radii change by" in done.stderr
-    with pytest.warns(ConfigWarning, match="radii change by"):
+    with pytest.warns(
+        ConfigWarning, match=r"the radii change by .* with the range that is fitted"
+    ):
         rs.Rattleback.from_mesh(
             path, mass=0.06, points=[(0.005, (30, -5, 0)), (0.005, (-30, 5, 0))]
         )

@@ -166,7 +166,9 @@ def test_columns_of_lists_are_named_where_a_dataset_leaves_them_out(tmp_path):
     assert "t_r" in data
     assert "turn_times" not in data
     assert list(sweep.to_xarray(["t_r"])) == ["t_r"]
-    with pytest.raises(rs.ConfigError, match="columns: turn_times has a list for each"):
+    with pytest.raises(
+        rs.ConfigError, match="turn_times has a list for each run; see read"
+    ):
         sweep.to_xarray(["turn_times"])
 
 

@@ -189,7 +189,9 @@ def test_refused_where_nothing_can_be_left_out_or_recorded():
     with pytest.raises(ConfigError, match="no axis has 5 values or more"):
         wanted_runs(plan, nothing_found(plan))
     plan = plan_of(MAP, bodies=GRID | {"refine": {"by": "lyapunov"}})
-    with pytest.raises(ConfigError, match=r"refine\.by: there is no column"):
+    with pytest.raises(
+        ConfigError, match=r"refine\.by: there is no column lyapunov in these runs"
+    ):
         wanted_runs(plan, nothing_found(plan))
 
 

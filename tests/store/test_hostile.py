@@ -20,7 +20,7 @@ import rattlesweep as rs
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.store.parquet import read_parquet, write_parquet
 from rattlesweep.store.rows import Stored, metadata
-from rattlesweep.work import error, job
+from rattlesweep.work import error_fit, job
 
 CONFIG: dict[str, Any] = {
     "name": "open",
@@ -112,7 +112,9 @@ def test_a_writer_stops_when_its_directory_has_moved(
 
     monkeypatch.setattr(job, "MAX_BLOCK_RUNS", 6)
     monkeypatch.setattr(Stored, "append", move)
-    with pytest.raises(OutputError, match="moved or replaced while this command"):
+    with pytest.raises(
+        OutputError, match="was moved or replaced while this command wrote there"
+    ):
         sweep(output, CONFIG)
     if replaced:
         check_equal(output, whole)
@@ -327,7 +329,7 @@ def test_a_column_to_refine_by_must_be_recorded(tmp_path):
 
 
 def test_errors_of_a_law_need_its_constants(tmp_path, monkeypatch):
-    monkeypatch.delitem(error.LAW_FITS, "rolling")
+    monkeypatch.delitem(error_fit.LAW_FITS, "rolling")
     config = changed(CONFIG, model="full", dissipation={"rolling": 1e-3})
     words = "record: errors are not calibrated for rolling"
     refused_by_plan(config | {"record": ["error"]}, words, tmp_path)

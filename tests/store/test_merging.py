@@ -243,6 +243,32 @@ def test_thresholds_are_found_while_files_are_merged(output, monkeypatch):
     assert stored.thresholds == stored.config.classify
 
 
+def test_a_merge_that_another_shard_finishes_meanwhile_is_no_error(
+    interrupted, monkeypatch
+):
+    stored = open_stored(interrupted)
+    honest = stores.Stored.rows_of
+
+    def late(self: stores.Stored, *args: Any) -> pa.Table:
+        monkeypatch.setattr(stores.Stored, "rows_of", honest)
+        merging.find_merged(stored, merging.all_runs)
+        return honest(self, *args)
+
+    monkeypatch.setattr(stores.Stored, "rows_of", late)
+    assert merging.find_merged(stored, Shard(0, 2).has).rows == RUNS
+    assert verify(interrupted).problems == []
+
+
+def test_a_damaged_file_that_another_shard_sets_aside_meanwhile_is_no_error(output):
+    path = files_of(output)[0]
+    path.write_bytes(path.read_bytes()[:-1] + b"?")
+    stored = open_stored(output)
+    (moved,) = stored.set_aside([path])
+    assert moved.parent.name == "damaged"
+    # This shard had found it, too.
+    assert stored.set_aside([path]) == []
+
+
 @pytest.mark.parametrize("link", [False, True])
 def test_a_source_that_has_merged_its_files_is_merged_again(
     link, output, whole, tmp_path

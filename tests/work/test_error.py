@@ -37,7 +37,7 @@ from rattlesweep.store.types import (
     CODE_UNCLASSIFIED,
     sure_types,
 )
-from rattlesweep.work import error
+from rattlesweep.work import error, error_fit
 from rattlesweep.work.block import columns_of, compute, prepare_runs, run_batch
 from rattlesweep.work.run import Shard
 
@@ -399,11 +399,11 @@ def test_only_companions_of_swinging_launches_have_a_longest_step():
 
 
 def test_every_method_has_constants_and_another_one_is_refused():
-    assert list(error.FITS) == list(METHODS)
+    assert list(error_fit.FITS) == list(METHODS)
     config = plan_of().config
     other = config.integrator.model_copy(update={"method": "ralston4"})
     with pytest.raises(ConfigError, match="not calibrated for ralston4"):
-        error.fit_of(config.model_copy(update={"integrator": other}))
+        error_fit.fit_of(config.model_copy(update={"integrator": other}))
 
 
 @pytest.mark.parametrize(
@@ -420,7 +420,7 @@ def test_friction_without_calibrated_errors_is_refused(surface, losses, message)
     config = friction_runs(losses, 1, 1) | {"record": ["error"]}
     config["bodies"] |= surface
     with pytest.raises(ConfigError, match=f"not calibrated for {message};"):
-        error.fit_of(sweeping.plan_of(config).config)
+        error_fit.fit_of(sweeping.plan_of(config).config)
 
 
 @pytest.mark.slow

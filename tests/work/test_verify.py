@@ -232,7 +232,7 @@ def test_what_is_no_file_is_refused_at_once(name, output):
 def test_a_file_may_be_too_large(output):
     with open(output / "manifest.json", "ab") as file:
         file.truncate(1 << 40)  # of which the disk holds nothing
-    with pytest.raises(OutputError, match=r"manifest\.json: it is larger than"):
+    with pytest.raises(OutputError, match=r"manifest\.json: it is larger than \d+ MB"):
         status(output)
 
 
@@ -256,7 +256,8 @@ def test_a_manifest_that_is_damaged_is_made_again(key, output, whole):
     path.write_text("" if key is None else json.dumps(data | {key: 0}))
     for look in (open_stored, verify, status, sweep):
         with pytest.raises(
-            DamagedError, match=r"manifest\.json is damaged .*move it away, and"
+            DamagedError,
+            match=r"manifest\.json is damaged .*move it away, and `rattlesweep run`",
         ):
             look(output)
     path.unlink()

@@ -242,6 +242,20 @@ class PreparedRun:
         return rows[rows <= t_end]
 
 
+def _check_needs(run: PreparedRun, needs: set[str]) -> None:
+    """Raise a ConfigError if a run lacks what channels need, or none needs its own."""
+    if "reduced" in needs and run.launches.bodies.omega is not None:
+        raise ConfigError(
+            "channels: the reduced model begins with a spin and an oscillation, "
+            "not with a full state"
+        )
+    has_energies = run.energies != (None, None)
+    if run.model == "full" and has_energies and "reduced" not in needs:
+        raise ConfigError(
+            "e_p0 and e_r0 belong to the reduced model; no channel needs it"
+        )
+
+
 class Course:
     """A trajectory that is integrated while its chunks of columns are iterated over."""
 
@@ -266,19 +280,7 @@ class Course:
         if section is not None:
             section.refuse_constant(run.model, has_losses=bool(run.losses))
             needs.add(section.channel.needs)
-        if "reduced" in needs and run.launches.bodies.omega is not None:
-            raise ConfigError(
-                "channels: the reduced model begins with a spin and an oscillation, "
-                "not with a full state"
-            )
-        if (
-            run.model == "full"
-            and run.energies != (None, None)
-            and "reduced" not in needs
-        ):
-            raise ConfigError(
-                "e_p0 and e_r0 belong to the reduced model; no channel needs it"
-            )
+        _check_needs(run, needs)
         self.run = run
         self.si = channels_in_si(chosen, run.units)
         self.channels = (*chosen, *self.si.values())
@@ -296,6 +298,15 @@ class Course:
         self._ended_slides: list[tuple[float, float]] = []
         self._slides_from: float | None = None  # begin of a slide that goes on
         self.slide_work = 0.0  # of sliding friction so far, negative
+        self.follower = self._follow(has_attitude="attitude" in needs)
+        self._beside = None
+        if "reduced" in needs:
+            beside = with_energies(reduced_batch(run.launches), *run.energies)
+            self._beside = Follower(beside, DOP853, REDUCED, tol=BESIDE_TOL)
+
+    def _follow(self, has_attitude: bool) -> Follower:
+        """Return the integration of the run, which has not begun."""
+        run = self.run
         assert run.batch is not None
         setting = run.integrator
         tableau = METHODS[setting.pop("method")]
@@ -304,20 +315,16 @@ class Course:
             # A replay takes the steps of the stored run.
             tol = run.config.integrator.tol or TOL
             longest_step = longest_frame_steps(run.batch, tableau, tol)
-        self.follower = Follower(
+        return Follower(
             run.batch,
             tableau,
             model_of(run.config),
             **setting,
             max_steps=run.config.integrator.max_steps,
             longest_step=longest_step,
-            attitude="attitude" in needs,
+            attitude=has_attitude,
             look=self._look,
         )
-        self._beside = None
-        if "reduced" in needs:
-            beside = with_energies(reduced_batch(run.launches), *run.energies)
-            self._beside = Follower(beside, DOP853, REDUCED, tol=BESIDE_TOL)
 
     def __iter__(self) -> Iterator[Columns]:
         """Yield columns by name, some thousand rows at a time."""

@@ -140,10 +140,12 @@ class Picture(ABC):
     ) -> Iterator[tuple[str, NDArray[np.generic]]]:
         """Yield the columns of the table for all cells."""
         name = self.layout.name
-        lengths = list(self.layout.lengths.values())
-        for place, axis in enumerate(self.layout.axes.values()):
-            along = np.expand_dims(axis.values, list(range(1, len(lengths) - place)))
-            yield axis.name, np.broadcast_to(along, lengths).ravel()
+        axes = self.layout.axes.values()
+        lengths = tuple(self.layout.lengths.values())
+        values_of_axes = [axis.values for axis in axes]
+        grid = np.meshgrid(*values_of_axes, indexing="ij", sparse=True, copy=False)
+        for axis, values in zip(axes, grid, strict=True):
+            yield axis.name, np.broadcast_to(values, lengths).ravel()
         yield "runs", cells["runs"]
         yield "failed", cells["failed"]
         for kind, count in cells.types.items():

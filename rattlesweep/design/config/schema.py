@@ -150,14 +150,12 @@ PRESET_CONSTANTS = {"KL": "c"}
 Draw = Literal["random", "sobol", "saltelli"]
 
 
-SURFACE_MEANING = "; ".join(
-    ["Shape of the bottom"]
-    + [
-        f"{name} if {x} is given"
-        for name, x in CONSTANT_OF_SURFACE.items()
-        if x is not None
-    ]
-)
+_IMPLIED_SURFACES = [
+    f"{surface} if {constant} is given"
+    for surface, constant in CONSTANT_OF_SURFACE.items()
+    if constant is not None
+]
+SURFACE_MEANING = "; ".join(["Shape of the bottom", *_IMPLIED_SURFACES])
 
 
 def with_constants(base: type[Base], form: Any) -> Any:
@@ -648,7 +646,9 @@ class Dissipation(LossKeys):  # type: ignore[misc]
     @property
     def present(self) -> list[str]:
         """The constants that are not zero in some run."""
-        return [name for name in LOSSES if getattr(self, name) not in (None, [0])]
+        # A key is absent, or has a list with a value for each case.
+        absent: tuple[object, ...] = (None, [0])
+        return [name for name in LOSSES if getattr(self, name) not in absent]
 
     @property
     def values(self) -> dict[str, list[float | str]]:
@@ -894,15 +894,21 @@ class Config(Base):
     @property
     def parts(self) -> list[str]:
         """Optional groups of columns in `runs`."""
-        groups = {
-            "tol": self.integrator.goal,
-            "turns": {"error", "reversals"} <= {*self.record},
-            "chaos": {"lyapunov", "spectrum"} & {*self.record},
-            self.bodies.bottom: CONSTANT_OF_SURFACE[self.bodies.bottom],
-            "dissipation": self.dissipation,
-            **{name: LOSSES[name].optional for name in self.dissipation.present},
-        }
-        return [*self.record, *(name for name, present in groups.items() if present)]
+        recorded = {*self.record}
+        surface = self.bodies.bottom
+        parts = [*self.record]
+        if self.integrator.goal is not None:
+            parts.append("tol")
+        if {"error", "reversals"} <= recorded:
+            parts.append("turns")
+        if {"lyapunov", "spectrum"} & recorded:
+            parts.append("chaos")
+        if CONSTANT_OF_SURFACE[surface] is not None:
+            parts.append(surface)
+        if self.dissipation:
+            parts.append("dissipation")
+        parts += [name for name in self.dissipation.present if LOSSES[name].optional]
+        return parts
 
     @property
     def settings(self) -> dict[str, list[Setting]]:

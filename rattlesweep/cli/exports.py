@@ -1,0 +1,103 @@
+"""The command that writes a run for a physics engine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from click import option
+
+from rattlesweep.cli import options
+from rattlesweep.cli.given import flag, prepared_run
+from rattlesweep.cli.options import command, pick, probe_files, say, tell
+from rattlesweep.errors import ConfigError
+
+
+@command(
+    "One run",
+    "rattlesweep export --mass 0.5kg --height 3cm --inertia '15.3,4.5,18 kg cm^2' "
+    "--radii '12,48 cm' --axes-angle 20deg --c 3cm --n-i '-5 rad/s' "
+    "--omega-xy0 '2 rad/s' --psi 110 --t-end 3s --output demo.xml",
+    "rattlesweep export --preset GH --length 1cm --format json --output gh.json",
+    "rattlesweep export --cases engines",
+)
+@options.body_options
+@options.launch
+@option(
+    "--length",
+    type=options.HEIGHT,
+    help="Height of the centre of mass, for a body without a size.",
+)
+@option(
+    "--format",
+    type=options.FORMATS,
+    default=None,
+    help="A model of MuJoCo, or a document with poses and a schema.  "
+    "[default: that of the file, or mjcf]",
+)
+@option("--name", metavar="TEXT", help="Name of the case.  [default: rattleback]")
+@options.file(
+    "--output",
+    ".xml",
+    ".json",
+    help="An .xml file of a model or a .json file, instead of standard output.",
+)
+@option(
+    "--cases",
+    type=options.Kind("dir", Path),
+    help="Instead of all these, write the reference cases to a directory.",
+)
+@options.quiet
+def export(
+    format: str | None,
+    name: str | None,
+    length: float | None,
+    output: Path | None,
+    cases: Path | None,
+    quiet: bool,
+    **given: Any,
+) -> None:
+    """Write a run as a file that a physics engine can repeat.
+
+    The file has the body, the launch and what to expect: the first reversal with its
+    error, the direction and the friction that rolling needs. docs/engines.md says how
+    well engines do.
+    """
+    from rattlesweep.api.exports import ENDINGS, export_run, write_cases
+
+    if cases is not None:
+        others = {"format": format, "name": name, "length": length, "output": output}
+        for option_of in pick({**given, **others}, *given, *others):
+            raise ConfigError(
+                f"{flag(option_of)}: the reference cases have their own; leave it out"
+            )
+        tell(*write_cases(cases))
+        return
+    probe_files(output)
+    if format is None:
+        format = "json" if output and output.suffix.lower() == ".json" else "mjcf"
+    if output is not None and output.suffix.lower() != ENDINGS[format]:
+        raise ConfigError(
+            f"--output {output}: a file of the format {format} ends in "
+            f"{ENDINGS[format]}"
+        )
+    if name is None:
+        name = given["preset"] or "rattleback"
+    text, case = export_run(prepared_run(given), format, length, name, output)
+    if output is None:
+        click.echo(text, nl=False)
+    else:
+        tell(output)
+    if quiet:
+        return
+    reversal = case.expected.first_reversal
+    if reversal is None:
+        say(f"no reversal by {case.expected.until:g} s")
+    else:
+        say(f"first reversal at {reversal.time:.12g} s, +- {reversal.error:.1g} s")
+    if case.plane.friction is None:
+        needed = case.expected.contact.friction
+        say(f"rolling needs a friction of {needed:.2g} up to then")
+    elif case.expected.slides:
+        say(f"slides up to then: {len(case.expected.slides)}")

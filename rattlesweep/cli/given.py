@@ -1,0 +1,125 @@
+"""Bodies, stones and launches that options and files describe."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Collection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rattlesweep.cli import options
+from rattlesweep.cli.options import Given, pick, say
+from rattlesweep.errors import ConfigError, ConfigWarning, one_line
+
+if TYPE_CHECKING:
+    from rattlesweep.analysis.onerun.course import PreparedRun
+    from rattlesweep.physics.body import Rattleback
+
+
+def flag(name: str) -> str:
+    """Return the flag of an argument."""
+    if name == "shape":
+        return "--half-ellipsoid"
+    return f"--{name.replace('_', '-')}"
+
+
+def flag_of_body(name: str) -> str:
+    """Return the option of a quantity of a body; --points are those of a trajectory."""
+    return flag("mass_points" if name == "points" else name)
+
+
+def body_of(given: Given) -> Rattleback:
+    """Return the body that the options of a command describe."""
+    from rattlesweep.design.bodies.making import body_from
+    from rattlesweep.units import require_unit
+
+    values = pick(given, *options.BODY)
+    if "half_ellipsoid" in values:
+        values["shape"] = "half_ellipsoid"
+        lengths = values.pop("half_ellipsoid")
+        values["length"], values["width"], values["height"] = lengths
+    if "mass_points" in values:
+        values["points"] = values.pop("mass_points")
+    semi_axis = values.get("c")
+    if values.keys() & {"shape", "mesh", "mass"}:
+        require_unit("--c", semi_axis, "length")
+    elif isinstance(semi_axis, str):
+        raise ConfigError(
+            "--c has a unit, but the body has no size; give a number in a"
+        )
+    # The types of the options have refused numbers without a unit, and read the others.
+    with warnings.catch_warnings(record=True) as doubts:
+        warnings.simplefilter("always", ConfigWarning)
+        described = body_from(values, flag_of_body, in_si=True)
+    for doubt in doubts:
+        say(f"warning: {doubt.message}")
+    return described
+
+
+def prepared_run(given: Given) -> PreparedRun:
+    """Return the run of a body and a launch that options describe."""
+    from rattlesweep.api.arrays import require_units
+    from rattlesweep.api.single import LAUNCH_ARGUMENTS, prepare_launch
+
+    described = body_of(given)
+    launch = pick(given, *LAUNCH_ARGUMENTS, "e_p0", "e_r0")
+    times = {name: given.get(name) for name in ("dt", "from_time")}
+    require_units(launch | times, described.units, flag)
+    if "omega" not in launch and "u" not in launch:
+        launch = options.SPIN_DEFAULTS | launch
+    try:
+        return prepare_launch(described, **launch)
+    except ConfigError as error:
+        raise ConfigError(
+            [of_option(message, LAUNCH_ARGUMENTS) for message in error.messages]
+        ) from None
+
+
+def of_option(message: str, arguments: Collection[str]) -> str:
+    """Return a message about an argument of a call as one about its option."""
+    name, colon, sentence = message.partition(": ")
+    if name not in arguments:
+        return message
+    sentence = sentence.replace(f"leave {name} out", f"leave {flag(name)} out")
+    return f"{flag(name)}{colon}{sentence}"
+
+
+def placed(message: str, stone: Path, data: tuple[Path, ...], error: str | None) -> str:
+    """Return a message with the file or the option that it is about."""
+    # Messages about the data begin with their path.
+    if message.startswith(tuple(map(str, data))):
+        return message
+    option_of = message.partition(":")[0]
+    if option_of == "profile" or (option_of == "error" and error is not None):
+        return f"--{message}"
+    return f"{stone}: {message}"
+
+
+def read_stone(path: Path) -> dict[str, Any]:
+    """Return the arguments of :func:`rattlesweep.fit` in a YAML file."""
+    from rattlesweep.analysis.fit.measured import measured_body, separate
+    from rattlesweep.api.arrays import require_units
+    from rattlesweep.design.config.read import checked, read_file
+    from rattlesweep.design.config.schema import Stone
+
+    data, places, problems = read_file(path)
+    stone = checked(Stone, data, places, problems)
+    losses = vars(stone.dissipation)
+    section = "body"
+    try:
+        body = measured_body(stone.body, in_si=False)
+        section = "launch"
+        require_units(separate(stone.launch)[0], body.body.units)
+        section = "dissipation"
+        require_units(separate(losses)[0], body.body.units)
+    except ConfigError as error:
+        message = one_line(str(error), 300)
+        raise ConfigError(places.line((section,), message)) from None
+    return {
+        "body": body,
+        "free": stone.free,
+        "launch": stone.launch,
+        # As a text, whose number needs the unit of the data.
+        "error": None if stone.error is None else str(stone.error),
+        **losses,
+    }
