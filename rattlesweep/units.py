@@ -10,6 +10,7 @@ from functools import cache
 from numbers import Real
 from typing import Any, NamedTuple
 
+from rattlesweep.common_units import COMMON
 from rattlesweep.errors import ConfigError, one_line
 
 # Kinds of quantities: the SI unit, and an example.
@@ -241,6 +242,8 @@ def with_article(noun: str) -> str:
 @cache
 def _base(unit: str, needed: str = "") -> tuple[float, str]:
     """Return the size of a unit in SI base units, and these units."""
+    if unit in COMMON:
+        return COMMON[unit]
     if not re.fullmatch(f"({_FACTOR})+", unit):
         what = (
             f"the unit {unit}, which is not a product of units" if unit else "no unit"

@@ -56,6 +56,7 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
     Spin and oscillation matter for the reversal times only. A body in SI units gets all
     quantities in both systems, with g = 9.81 m/s^2.
     """
+    from rattlesweep.analysis.advice import weights_for_skew
     from rattlesweep.analysis.derived import (
         COMMON_FRICTION,
         SLIPS_AT_REVERSAL,
@@ -88,6 +89,9 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
         click.echo(to_json(_as_data(described, values)))
     else:
         click.echo(_as_table(described, values))
+    advice = weights_for_skew(described)
+    if advice is not None:
+        say(advice.sentence)
 
 
 def _as_data(body: Rattleback, values: list[DerivedQuantity]) -> dict[str, object]:
@@ -237,7 +241,7 @@ def stl(output: Path, fineness: int, quiet: bool, **given: Any) -> None:
     from math import degrees
 
     from rattlesweep.physics import si
-    from rattlesweep.physics.mesh.printing import write
+    from rattlesweep.physics.mesh.printing import told_of_body, write
     from rattlesweep.physics.mesh.shapes import half_ellipsoid, pockets_at, twist_of
 
     probe_files(output)
@@ -277,3 +281,5 @@ def stl(output: Path, fineness: int, quiet: bool, **given: Any) -> None:
         f"read back: skew {found:.4g} deg, radii {smaller:.5g} and {larger:.5g} mm, "
         f"centre of mass {standing.height * 1e3:.5g} mm high"
     )
+    for line in told_of_body(standing, (length, width, height), skew):
+        say(line)

@@ -10,7 +10,7 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.given import flag, prepared_run
+from rattlesweep.cli.given import flag, prepared_run, run_of_stone
 from rattlesweep.cli.options import (
     DONE,
     SOME_FAILED,
@@ -152,7 +152,9 @@ def show(
     """Write an HTML page on which the body of one run rolls on the plane.
 
     The run is a launch of a body, or a stored run of DIRECTORY, chosen as in `replay`.
-    The page needs a browser but no network.
+    A stone file in place of DIRECTORY has body, launch and dissipation, of which
+    options replace the launch. The body of a mesh is drawn as the mesh. The page needs
+    a browser but no network.
     """
     from rattlesweep.api.trajectories import page_of, prepare_stored
 
@@ -160,7 +162,15 @@ def show(
     which = pick(given, "case", "sample", "where")
     rows = pick(given, "points", "from_time")
     proof = ""
-    if directory is not None:
+    if directory is not None and directory.is_file():
+        if which:
+            raise ConfigError(
+                f"{flag(next(iter(which)))}: a stone file has no stored runs; leave it "
+                "out"
+            )
+        title = title or directory.stem
+        run = run_of_stone(directory, given)
+    elif directory is not None:
         t_end = given.pop("t_end")
         for name in pick(given, *given):
             raise ConfigError(f"{flag(name)}: a stored run has its own; leave it out")

@@ -78,7 +78,7 @@ def fit(
     from rattlesweep.analysis.fit.result import summary_of
     from rattlesweep.api.fits import fit_films, fit_with_progress, plan_of_fit
 
-    _check_films(data, plan, profile or figure)
+    _check_films(data, plan, profile, figure)
     probe_files(figure)
     arguments = read_stone(stone)
     if error is not None:
@@ -91,6 +91,8 @@ def fit(
         if len(data) > 1:
             with Bar.of_command(quiet) as bar:
                 joint = fit_films(bar, data=data, robust=robust, **arguments)
+            if figure is not None:
+                joint.plot(figure)
             return _tell_of_films(joint, as_json, quiet)
         with Bar.of_command(quiet) as bar:
             best = fit_with_progress(bar, data=data[0], robust=robust, **arguments)
@@ -120,15 +122,20 @@ def fit(
 
 
 def _check_films(
-    data: tuple[Path, ...], plan: str | None, of_one: str | Path | None
+    data: tuple[Path, ...],
+    plan: str | None,
+    profile: str | None,
+    figure: Path | None,
 ) -> None:
     """Raise a ConfigError if there are too few or too many films."""
     if plan is None and not data:
         raise ConfigError("DATA is missing; give a table, or --plan '3 s'")
     if plan is not None and data:
         raise ConfigError("--plan needs no DATA; leave one out")
-    if of_one is not None and len(data) != 1:
-        raise ConfigError("--profile and --figure take one film; leave them out")
+    if profile is not None and len(data) != 1:
+        raise ConfigError("--profile takes one film; leave it out, or give one film")
+    if figure is not None and not data:
+        raise ConfigError("--figure shows films, and a plan has none; leave it out")
 
 
 def _tell_of_films(joint: JointFit, as_json: bool, quiet: bool) -> int:

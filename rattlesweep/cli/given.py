@@ -75,6 +75,27 @@ def prepared_run(given: Given) -> PreparedRun:
         ) from None
 
 
+def run_of_stone(path: Path, given: Given) -> PreparedRun:
+    """Return the run of a stone file, with the launch that options replace."""
+    from rattlesweep.api.arrays import require_units
+    from rattlesweep.api.single import LAUNCH_ARGUMENTS
+    from rattlesweep.api.stones import prepare_stone
+
+    for name in pick(given, *options.BODY):
+        raise ConfigError(
+            f"{flag_of_body(name)}: a stone file has its own; leave it out"
+        )
+    stone = read_stone(path)
+    launch = pick(given, *LAUNCH_ARGUMENTS)
+    require_units(launch, stone["body"].body.units, flag)
+    try:
+        return prepare_stone(stone, options.SPIN_DEFAULTS, **launch)
+    except ConfigError as error:
+        raise ConfigError(
+            [placed(each, path, (), None) for each in error.messages]
+        ) from None
+
+
 def of_option(message: str, arguments: Collection[str]) -> str:
     """Return a message about an argument of a call as one about its option."""
     name, colon, sentence = message.partition(": ")

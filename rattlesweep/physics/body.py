@@ -15,7 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigWarning
+from rattlesweep.files import as_path
 from rattlesweep.physics import si
+from rattlesweep.physics.mesh.pose import Pose
 from rattlesweep.physics.mesh.reading import read_standing
 from rattlesweep.physics.mesh.standing import Standing
 from rattlesweep.physics.si import Units
@@ -45,6 +47,8 @@ class Rattleback:
         at the flat side of a half ellipsoid; the default is a surface without an end.
     units : Units, optional
         SI size of the units, for bodies given in SI units.  Comparison ignores it.
+    pose : Pose, optional
+        Where the mesh is of which the body was made, so that ``show`` can draw it.
 
     Raises
     ------
@@ -62,6 +66,7 @@ class Rattleback:
     c: float | None = None
     rim: float | None = field(default=None, repr=False, kw_only=True)
     units: Units | None = field(default=None, compare=False, repr=False, kw_only=True)
+    pose: Pose | None = field(default=None, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.compare}
@@ -226,7 +231,7 @@ class Rattleback:
             semi_axis = si.number(c, "length", "c") / a
         units = Units(m, a, si.size(gravity, "acceleration", "gravity"))
         values = {name: float(value) for name, value in body.items()}
-        return cls(**values, c=semi_axis, units=units)
+        return cls(**values, c=semi_axis, units=units, pose=None)
 
     @classmethod
     def half_ellipsoid(
@@ -311,7 +316,7 @@ class Rattleback:
             raise ValueError("skew: both directions are alike; give a skew or weights")
         g = si.size(gravity, "acceleration", "gravity")
         units = Units(body.pop("mass"), body.pop("height"), g)
-        return cls(**body, rim=body["c"], units=units)
+        return cls(**body, rim=body["c"], units=units, pose=None)
 
     @classmethod
     def from_mesh(
@@ -372,21 +377,28 @@ class Rattleback:
         standing = read_standing(path, unit, mass, density, points, up, gravity)
         for doubt in standing.doubts:
             warnings.warn(doubt, ConfigWarning, stacklevel=2)
-        return cls.of_standing(standing, si.number(gravity, "acceleration", "gravity"))
+        pose = Pose.of(as_path(path, "mesh"), unit, standing)
+        g = si.number(gravity, "acceleration", "gravity")
+        return cls.of_standing(standing, g, pose)
 
     @classmethod
-    def of_standing(cls, standing: Standing, gravity: float = si.GRAVITY) -> Rattleback:
+    def of_standing(
+        cls,
+        standing: Standing,
+        gravity: float = si.GRAVITY,
+        pose: Pose | None = None,
+    ) -> Rattleback:
         """Return the body of a solid that stands on the table."""
         units = Units(standing.mass.mass, standing.height, gravity)
-        return cls(**standing.parameters, units=units)
+        return cls(**standing.parameters, units=units, pose=pose)
 
     def replace(self, **parameters: Any) -> Rattleback:
         """Return the body with some parameters changed, such as ``theta=0.82``."""
-        return replace(self, **parameters)
+        return replace(self, pose=None, **parameters)
 
     def mirrored(self) -> Rattleback:
         """Return the mirror image, whose steady and unsteady spins are exchanged."""
-        return replace(self, xi=-self.xi)
+        return replace(self, pose=None, xi=-self.xi)
 
 
 PRESETS: dict[str, Callable[[], Rattleback]] = {

@@ -36,6 +36,10 @@ def stones(tmp_path_factory):
         )  # fmt: skip
         assert made.exit_code == 0, made.stderr
         assert "closed" in made.stderr
+        assert "as a body: alpha 13." in made.stderr
+        _, more = made.stderr.split("its beta is ")
+        expected = {3: 0.82, 6: 3.3}[skew]
+        assert float(more.split()[0]) == pytest.approx(expected, abs=0.2)
         _, found = re.split("read back: skew ", made.stderr)
         assert float(found.split()[0]) == pytest.approx(skew, rel=0.015)
     return folder
@@ -74,7 +78,12 @@ def test_a_twist_makes_the_skew():
     exact = rs.Rattleback.half_ellipsoid(
         length=0.12, width=0.03, height=0.012, mass=1, skew=skew
     )
-    # The twist makes the smallest moment larger, and the fit sees a part of it.
+    # Its moments are those of the outlines, so that they are not those of a half
+    # ellipsoid whose axes are turned: the twist makes the smallest one larger.
+    moments = np.linalg.eigvalsh(twisted(turned_by)[:2, :2]) / 0.0075**2
+    assert found["beta"] == pytest.approx(1 + moments[0], rel=4e-4)
+    assert found["alpha"] == pytest.approx(1 + moments[1], rel=4e-4)
+    # The fit of the bottom sees a part of the twist.
     allowed = dict.fromkeys(NAMES, 4e-3) | {"beta": 0.03, "xi": 0.015}
     for name in NAMES:
         assert found[name] == pytest.approx(getattr(exact, name), rel=allowed[name])

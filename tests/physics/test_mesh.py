@@ -5,9 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rattlesweep as rs
+from rattlesweep.physics.mesh.bottom import MOST_POINTS
 from rattlesweep.physics.mesh.shapes import bowl, half_ellipsoid
 from rattlesweep.physics.mesh.solid import Mass, Solid
 from rattlesweep.physics.mesh.standing import settle, stand
+from rattlesweep.physics.mesh.stl import read_binary_stl
 
 SIZES = (0.12, 0.03, 0.012)
 COINS = [(0.0075, np.array([0.045, -0.009, 0])), (0.0075, np.array([-0.045, 0.009, 0]))]
@@ -137,6 +139,32 @@ def test_layers_of_a_tenth_of_a_millimetre():
     standing = settle(np.vstack(rings) - mass.centre, mass, up, up)
     assert standing.surface.radii * 1e3 == pytest.approx([18.75, 300], rel=0.02)
     assert standing.height == pytest.approx(0.0084, abs=1e-4)
+
+
+def test_many_vertices_are_thinned_without_a_loss():
+    """Of 66,000 low vertices some thousands are fitted, and the foot is the same."""
+    solid = half_ellipsoid(*SIZES, 130)
+    assert len(solid.faces) > 130_000
+    standing = standing_of(solid)
+    assert np.abs(errors(standing.parameters)).max() < 5e-5
+    assert len(standing.surface.fitted) == MOST_POINTS
+    assert standing.flat < 0.05
+    tilted = standing_of(solid, up=np.array([0.3, 0.2, 1.0])).parameters
+    assert tilted == pytest.approx(standing.parameters, rel=1e-6)
+
+
+def test_binary_stl_is_read_as_the_library_reads_it(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    solid = half_ellipsoid(120, 30, 12, 24)
+    mesh = trimesh.Trimesh(solid.vertices, solid.faces, process=False)
+    content = mesh.export(file_type="stl")
+    vertices, faces = read_binary_stl(content)
+    path = tmp_path / "stone.stl"
+    path.write_bytes(content)
+    theirs = trimesh.load_mesh(path, process=False)
+    assert np.array_equal(vertices[faces], theirs.vertices[theirs.faces])
+    assert read_binary_stl(content[:-1]) is None
+    assert read_binary_stl(mesh.export(file_type="stl_ascii").encode()) is None
 
 
 def test_meshes_that_are_no_body():

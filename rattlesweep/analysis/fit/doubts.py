@@ -278,6 +278,8 @@ def outliers_of(film: Film, residuals: Floats) -> Places:
     none = np.zeros(0, int)
     if film.kind == "reversal" or len(residuals) < FEWEST_ROWS:
         return none
+    # In a short film one row moves the first direction, and so all residuals.
+    residuals = residuals - np.median(residuals)
     # The median of |x| of a normal variable.
     usual = float(np.median(np.abs(residuals))) / 0.6745
     if usual > MOST_PULLED * film.rough_noise:

@@ -20,7 +20,10 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import pandas as pd
+    from matplotlib.figure import Figure
 
     from rattlesweep.physics.si import Units
 
@@ -47,6 +50,7 @@ class JointFit:
     dof: float
     remarks: list[str]
     _units: Units | None
+    _expected: list[Floats]
 
     @property
     def table(self) -> pd.DataFrame:
@@ -74,6 +78,13 @@ class JointFit:
     def table_as_text(self) -> str:
         """The table as the command prints it."""
         return self.table.to_string(float_format="{:.5g}".format)
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Draw data, fit and residuals of all films, and write them to a `path`."""
+        from rattlesweep.analysis.fit.pictures import draw_films
+
+        films = [fit._estimate.problem.film for fit in self.alone]
+        return draw_films(films, self._expected, path)
 
     def __repr__(self) -> str:
         return "\n".join([self.table_as_text, *self.lines_below])
@@ -247,6 +258,10 @@ def fit_together(fits: Sequence[Fit]) -> JointFit:
         dof=freedom,
         remarks=remarks,
         _units=first.launch.body.units,
+        _expected=[
+            problem.expected(result.x[together.places(film)])
+            for film, problem in enumerate(problems)
+        ],
     )
 
 

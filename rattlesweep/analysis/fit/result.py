@@ -10,8 +10,6 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from rattlesweep.analysis.fit.doubts import MEANINGLESS
 from rattlesweep.analysis.fit.estimate import Estimate
 from rattlesweep.analysis.fit.problem import FITTABLE
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
 # Units for people, beside those of bodies.
 SI_SIZES = {"rad": (180 / math.pi, "deg"), "m": (1e3, "mm"), "kg": (1e3, "g")}
 LEAST_CORRELATION = 0.1  # that is printed
-MANY_ROWS = 30  # more are drawn as points, fewer as circles
 
 
 def unit_for_people(name: str, units: Units | None) -> tuple[float, str]:
@@ -199,46 +196,9 @@ class Fit:
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw data, fit and residuals, and write the figure to `path` if given."""
-        from rattlesweep.analysis import style
-        from rattlesweep.analysis.onerun.figure import shown
+        from rattlesweep.analysis.fit.pictures import draw_films
 
-        film = self._estimate.problem.film
-        value_unit = film.value_column.unit
-        value = film.value / value_unit.size
-        expected = self._expected / value_unit.size
-        line: dict[str, Any] = {"color": style.VERMILION, "linewidth": 1.2}
-        if film.kind == "reversal":
-            # Single times, which no line joins.
-            t = np.arange(1.0, len(value) + 1)
-            t_label = "number of the reversal"
-            line |= {"linestyle": "none", "marker": "x"}
-        else:
-            t = film.t / film.t_column.unit.size
-            t_label = style.label("time", film.t_column.unit.name)
-        marker = "." if len(t) > MANY_ROWS else "o"
-        dots: dict[str, Any] = {
-            "color": style.BLUE,
-            "linestyle": "none",
-            "marker": marker,
-            "markersize": 2.5,
-        }
-        with style.styled():
-            figure = style.new_figure(7.2, 4.6)
-            top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-            top.plot(t, value, label="measured", **dots)
-            top.plot(t, expected, label="fit", **line)
-            bottom.plot(t, value - expected, **dots)
-            bottom.axhline(0, color=style.VERMILION, linewidth=1.0)
-            top.set_ylabel(style.label(film.kind, value_unit.name))
-            bottom.set_ylabel(style.label("residual", value_unit.name))
-            bottom.set_xlabel(t_label)
-            top.legend(loc="best")
-            if film.kind == "reversal":
-                bottom.set_xticks(t)
-            for axes in (top, bottom):
-                style.light_grid(axes)
-            figure.align_ylabels([top, bottom])
-            return shown(figure, path)
+        return draw_films([self._estimate.problem.film], [self._expected], path)
 
 
 def report_of(fit: Fit) -> str:

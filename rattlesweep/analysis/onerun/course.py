@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from rattlesweep.design.config.schema import Config
     from rattlesweep.design.prepared import Launches
     from rattlesweep.integrate.batch import Batch
+    from rattlesweep.physics.mesh.pose import Pose
     from rattlesweep.physics.si import Units
 
 # Columns of rows by name: numbers, and flags of a section.
@@ -82,6 +83,7 @@ class PreparedRun:
     launches: Launches
     batch: Batch | None
     units: Units | None = None  # if the size of the body is known
+    pose: Pose | None = None  # of its mesh
     # E_p and E_r of the reduced model, if they are given.
     energies: tuple[float | None, float | None] = (None, None)
 
@@ -104,7 +106,8 @@ class PreparedRun:
         batch = make_batch(launches, launch.model)
         if batch is not None and launch.model == "reduced":
             batch = with_energies(batch, *energies)
-        return cls(plan.config, launches, batch, launch.body.units, energies)
+        body = launch.body
+        return cls(plan.config, launches, batch, body.units, body.pose, energies)
 
     @property
     def model(self) -> str:

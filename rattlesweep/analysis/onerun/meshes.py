@@ -147,7 +147,7 @@ def _draw_patch(figure: Figure, axes: Axes, standing: Standing) -> None:
     slope = math.degrees(float(standing.slopes[0]))
     axes.set_title(
         f"fitted: the lowest {surface.reach * 1e3:.3g} mm, to a slope of {slope:.2g} "
-        f"deg; {surface.fitted.sum():,} points, residuals {surface.rms * 1e6:.2g} um",
+        f"deg; {len(surface.fitted):,} points, residuals {surface.rms * 1e6:.2g} um",
         fontsize=9,
     )
     axes.set_aspect("equal", adjustable="datalim")

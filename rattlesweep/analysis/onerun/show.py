@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
-from rattlesweep.arrays import Floats
+from rattlesweep.analysis.onerun.solids import solid_of_page
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import surface as surfaces
 from rattlesweep.quantities import RATE, TIME
@@ -96,10 +97,16 @@ def make_scene(course: Course) -> dict[str, Any]:
     for name in units:
         if name in course.si:
             units[name] = (course.si[name].size, course.si[name].unit)
+    facts = _facts(course, units["t"])
+    solid = None
+    if course.run.pose is not None:
+        solid, told = solid_of_page(course.run.pose)
+        facts.insert(0, ("mesh", told))
     return {
         "columns": columns,
         "theory": launches.gh.spin(np.linspace(start, end, THEORY_POINTS)),
         "body": body,
+        "solid": solid,
         "start": start,
         "step": (end - start) / (rows - 1),
         "rise": rise,
@@ -110,7 +117,7 @@ def make_scene(course: Course) -> dict[str, Any]:
         "trail": TRAIL * 2 * math.pi / float(launches.modes.omega_r[0]),
         "speed": min(FASTEST, max(SLOWEST, speed)),
         "units": units,
-        "facts": _facts(course, units["t"]),
+        "facts": facts,
     }
 
 
@@ -161,11 +168,16 @@ def _listed(times: list[float], end: float, size: float, unit: str) -> str:
 def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:
     """Return the page of a scene, with title and subtitle escaped for HTML."""
     table = np.stack([scene["columns"][name] for name in _COLUMNS], axis=1)
-    arrays = {
+    arrays: dict[str, Any] = {
         "columns": _COLUMNS,
         "table": _encode(table),
         "theory": _encode(scene["theory"]),
     }
+    if scene["solid"] is not None:
+        arrays["solid"] = {
+            "vertices": _encode(scene["solid"]["vertices"]),
+            "faces": _encode(scene["solid"]["faces"], "<u2"),
+        }
     data = json.dumps(scene | arrays, ensure_ascii=False, allow_nan=False)
     folder = files("rattlesweep.analysis.onerun") / "page"
     page = (folder / "page.html").read_text(encoding="utf-8")
@@ -199,5 +211,5 @@ def _policy(sources: dict[str, str]) -> str:
     )
 
 
-def _encode(values: Floats) -> str:
-    return base64.b64encode(values.astype("<f4").tobytes()).decode()
+def _encode(values: Floats | Integers, kind: str = "<f4") -> str:
+    return base64.b64encode(values.astype(kind).tobytes()).decode()

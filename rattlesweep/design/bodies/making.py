@@ -62,7 +62,7 @@ def body_from(
     required = {
         key: parameter.default is parameter.empty
         for key, parameter in signature(make).parameters.items()
-        if key not in ("rim", "units")
+        if key not in ("rim", "units", "pose")
     }
     if way == "preset":
         # `replace` names no arguments of its own.

@@ -16,10 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rattlesweep.arrays import Flags, Floats
+from rattlesweep.arrays import Floats, Integers
 
 UNKNOWNS = 9
 LEAST_POINTS = 3 * UNKNOWNS
+_BLOCK = 500  # rows that are factorised together
+MOST_POINTS = 5000  # more tell nothing that these do not
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Quadric:
     lean: Floats  # n, shape (2,)
     reach: float  # height over the lowest point up to which points are fitted
     residuals: Floats  # z of the points less that of the quadric
-    fitted: Flags  # which of all points are fitted
+    fitted: Integers  # places of the points that are fitted
 
     @property
     def radii(self) -> Floats:
@@ -62,14 +64,15 @@ class Quadric:
 def fit(points: Floats, weights: Floats, reach: float) -> Quadric | None:
     """Return the quadric through the points up to a height over the lowest one.
 
-    `points` has the shape (n, 3), with z upwards.  None if there are too few points.
+    `points` has the shape (n, 3), with z upwards, in no order: the first `MOST_POINTS`
+    of those in reach stand for all of them.  None if there are too few points.
     """
     z0 = float(points[:, 2].min())
     found: Quadric | None = None
     # The height of the lowest point enters the terms of the fit.
     for _ in range(12):
-        chosen = points[:, 2] - z0 <= reach
-        if chosen.sum() < LEAST_POINTS:
+        chosen = np.flatnonzero(points[:, 2] - z0 <= reach)[:MOST_POINTS]
+        if len(chosen) < LEAST_POINTS:
             return None
         x, y, z = points[chosen].T
         height = z - z0
@@ -82,10 +85,12 @@ def fit(points: Floats, weights: Floats, reach: float) -> Quadric | None:
         sizes = np.abs(terms).max(axis=0)
         root = np.sqrt(weights[chosen] / weights[chosen].mean())
         scaled = terms / sizes * root[:, None]
-        q, r = np.linalg.qr(scaled)
+        # The last column of the triangle has the right side.
+        triangle = _triangle(np.column_stack([scaled, height * root]))
+        r = triangle[:UNKNOWNS, :UNKNOWNS]
         if np.abs(np.diag(r)).min() < 1e-9 * np.abs(np.diag(r)).max():
             return None  # the points lie on one curve
-        solution = np.linalg.solve(r, q.T @ (height * root))
+        solution = np.linalg.solve(r, triangle[:UNKNOWNS, UNKNOWNS])
         misfit = height * root - scaled @ solution
         variance = misfit @ misfit / (len(x) - UNKNOWNS)
         k_error = np.sqrt(variance) * np.abs(np.linalg.inv(r)[-1]).max() / sizes[-1]
@@ -105,6 +110,20 @@ def fit(points: Floats, weights: Floats, reach: float) -> Quadric | None:
         if abs(offset) < 1e-12 * reach:
             break
     return found
+
+
+def _triangle(matrix: Floats) -> Floats:
+    """Return the triangle R of a QR factorisation of a tall matrix.
+
+    Blocks of rows are factorised first, since threads of BLAS would take longer to meet
+    than to factorise one.
+    """
+    count = -(-len(matrix) // _BLOCK)
+    padded = np.zeros((count * _BLOCK, matrix.shape[1]))
+    padded[: len(matrix)] = matrix
+    triangles = np.asarray(np.linalg.qr(padded.reshape(count, _BLOCK, -1), mode="r"))
+    stacked: Floats = triangles.reshape(-1, matrix.shape[1])
+    return np.asarray(np.linalg.qr(stacked, mode="r"))
 
 
 def foot(surface: Quadric, height: float) -> Floats | None:

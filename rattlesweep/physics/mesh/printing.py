@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import math
 from pathlib import Path
 
 from rattlesweep.files import replace_file
+from rattlesweep.physics import si
 from rattlesweep.physics.mesh.reading import import_trimesh, read_standing
 from rattlesweep.physics.mesh.solid import Solid
 from rattlesweep.physics.mesh.standing import Standing
@@ -23,3 +25,30 @@ def write(solid: Solid, path: Path) -> Standing:
     mesh.export(content, file_type=path.suffix[1:].lower())
     replace_file(path, content.getvalue())
     return read_standing(path, "mm", density=1000.0)
+
+
+def told_of_body(
+    standing: Standing, sizes: tuple[float, float, float], skew: float
+) -> list[str]:
+    """Return what body a printed solid is, and how it differs from one without a twist.
+
+    `sizes` are length, width and height in m of a half ellipsoid, whose axes of inertia
+    alone are turned by `skew`.
+    """
+    found = standing.parameters
+    shown = []
+    for name, value in found.items():
+        if name == "xi":
+            shown.append(f"xi {math.degrees(value):.4g} deg")
+        elif name != "rim":
+            shown.append(f"{name} {value:.4g}")
+    lines = [f"as a body: {', '.join(shown)}"]
+    if skew != 0:
+        plain = si.half_ellipsoid(*sizes, 1.0, skew)
+        beta = float(plain["beta"])
+        lines.append(
+            f"its beta is {100 * (found['beta'] / beta - 1):.2g} % larger than that of "
+            f"--half-ellipsoid with --skew, {beta:.4g}: a twist turns parts of the "
+            "solid out of its axis; describe the print by --mesh"
+        )
+    return lines

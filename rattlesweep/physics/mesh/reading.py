@@ -5,18 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from rattlesweep.arrays import Floats
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.files import as_path, open_regular, reason
 from rattlesweep.physics import si
 from rattlesweep.physics.mesh.solid import Solid
 from rattlesweep.physics.mesh.standing import Standing, stand
+from rattlesweep.physics.mesh.stl import read_binary_stl
 from rattlesweep.units import quantities, quantity
 
 FORMATS = (".stl", ".obj", ".ply", ".3mf")
@@ -80,50 +82,71 @@ def read_solid(path: Path, unit: str) -> Solid:
 
 def import_trimesh() -> ModuleType:
     """Return the library that reads and writes meshes, which may be missing."""
-    try:
-        import trimesh
-    except ImportError:
-        raise ConfigError(
-            "meshes need trimesh; install it by pip install 'rattlesweep[mesh]'"
-        ) from None
+    require_trimesh()
+    import trimesh
+
     module: ModuleType = trimesh
     return module
+
+
+def require_trimesh() -> None:
+    """Raise a ConfigError if the library is missing, without importing it."""
+    if find_spec("trimesh") is None:
+        raise ConfigError(
+            "meshes need trimesh; install it by pip install 'rattlesweep[mesh]'"
+        )
 
 
 @lru_cache(maxsize=16)
 def _solid(place: Path, scale: float, unit: str, state: tuple[int, int]) -> Solid:
     """Return the solid of a file, which has not changed if its `state` is the same."""
-    trimesh = import_trimesh()
     kind = place.suffix.lower()
     if kind not in FORMATS:
         raise ValueError(
             f"{kind or 'a name without an ending'} is no format of a mesh that is "
             f"read; give one of {', '.join(FORMATS)}"
         )
+    # One rule for all formats, also for the one that NumPy reads.
+    require_trimesh()
     with open_regular(place) as file:
-        try:
-            mesh = trimesh.load_mesh(file, file_type=kind[1:], process=False)
-        except ImportError as error:
-            if kind != ".3mf":
-                mesh = None
-            else:
-                raise ValueError(
-                    f"3MF files need {error.name}; install it by pip install "
-                    "'rattlesweep[mesh]'"
-                ) from None
-        except OSError:
-            raise
-        except Exception as error:
-            # Its readers raise whatever a damaged file leads to.
-            text = one_line(reason(error), 100)
-            raise ValueError(f"cannot be read as {kind[1:].upper()} ({text})") from None
+        triangles = None
+        if kind == ".stl":
+            triangles = read_binary_stl(file.read())
+            file.seek(0)
+        if triangles is None:
+            triangles = _from_library(file, kind[1:], scale, unit)
+    vertices, faces = triangles
+    return Solid.of(vertices * scale, faces)
+
+
+def _from_library(
+    file: BinaryIO, kind: str, scale: float, unit: str
+) -> tuple[Floats, Integers]:
+    """Return vertices and triangles of a file of any format."""
+    trimesh = import_trimesh()
+    try:
+        mesh = trimesh.load_mesh(file, file_type=kind, process=False)
+    except ImportError as error:
+        if kind != "3mf":
+            mesh = None
+        else:
+            raise ValueError(
+                f"3MF files need {error.name}; install it by pip install "
+                "'rattlesweep[mesh]'"
+            ) from None
+    except OSError:
+        raise
+    except Exception as error:
+        # Its readers raise whatever a damaged file leads to.
+        text = one_line(reason(error), 100)
+        raise ValueError(f"cannot be read as {kind.upper()} ({text})") from None
     if mesh is None or not len(getattr(mesh, "faces", ())):
-        raise ValueError(f"cannot be read as {kind[1:].upper()}, or has no triangles")
+        raise ValueError(f"cannot be read as {kind.upper()}, or has no triangles")
     if mesh.units is not None:
         own = quantity(f"1 {mesh.units}", "length")
         if abs(own / scale - 1) > 1e-6:
             raise ValueError(f"the file is in {mesh.units}, and the unit is {unit}")
-    return Solid.of(np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces))
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
 
 
 def _check_size(extent: float, unit: str) -> None:

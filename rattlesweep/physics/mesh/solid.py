@@ -131,7 +131,7 @@ class Solid:
         extent = np.ptp(self.vertices, axis=0)
         # Triangles of one plane have normal and height in common.
         planes = np.column_stack([normals, heights / extent.max()])
-        keys = _packed(planes, np.array([-1.0, -1.0, -1.0, -4.0]), 2e-4)
+        keys = packed(planes, np.array([-1.0, -1.0, -1.0, -4.0]), 2e-4)
         _, first, which = np.unique(keys, return_index=True, return_inverse=True)
         area_of = np.bincount(which, weights=sizes[kept])
         _, middle, largest = np.sort(extent)
@@ -165,7 +165,7 @@ def basis(up: Floats, along: Floats | None = None) -> Floats:
     return np.array([first, np.cross(up, first), up])
 
 
-def _packed(rows: Floats, low: Floats, step: float) -> NDArray[np.int64]:
+def packed(rows: Floats, low: Floats, step: float) -> NDArray[np.int64]:
     """Return rows of up to four numbers, rounded to steps, as one integer each."""
     cells = np.rint((rows - low) / step).astype(np.int64)
     keys = np.zeros(len(rows), dtype=np.int64)
@@ -182,7 +182,7 @@ def _merged(vertices: Floats, faces: Integers) -> tuple[Floats, Integers]:
     step = MERGED * (vertices.max(axis=0) - low).max()
     if step == 0:
         raise ValueError("all vertices of the mesh are one point")
-    keys = _packed(vertices, low, step)
+    keys = packed(vertices, low, step)
     _, first, which = np.unique(keys, return_index=True, return_inverse=True)
     faces = which[faces]
     a, b, c = faces.T

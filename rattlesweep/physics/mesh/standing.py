@@ -22,6 +22,9 @@ from rattlesweep.physics.mesh.solid import Mass, Solid, basis
 # A launch whose energy, all in an oscillation, tells how far the bottom is fitted.
 TYPICAL_SPIN = 2 * math.pi  # one turn a second
 STEPS = np.radians([8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.1])  # of the way downhill
+FINE = math.radians(0.4)  # such steps look at all vertices, wider ones at `MANY`
+MANY = 12_000  # vertices: more than these tell nothing more
+FOOT = 0.01  # of the height of a solid, around its foot
 ROUNDS = 60  # of turning the body and fitting its bottom
 MOST_TILT = math.radians(3.0)  # of the third principal axis
 DOUBTED_TILT = math.radians(0.5)
@@ -305,8 +308,14 @@ def _downhill(arms: Floats, up: Floats) -> Floats:
     """Return a direction near `up` in which the centre of mass is lowest."""
     turns = np.linspace(0, 2 * math.pi, 8, endpoint=False)
     circle = np.column_stack([np.cos(turns), np.sin(turns)])
+    everything = arms
+    if len(arms) > MANY:
+        arms = arms[np.random.default_rng(0).integers(len(arms), size=MANY)]
     height = -(arms @ up).min()
     for step in STEPS:
+        if step < FINE and arms is not everything:
+            arms = everything
+            height = -(arms @ up).min()
         while True:
             across = circle @ basis(up)[:2]
             around = math.cos(step) * up + math.sin(step) * across
@@ -327,8 +336,16 @@ def _lowest(arms: Floats, up: Floats) -> Floats:
     heights = arms @ up
     low = heights.min()
     # Down from the widest part, where the outline is no longer the bottom.
-    part: Floats = arms[heights - low <= 0.5 * np.ptp(heights)]
-    return part
+    rises = (heights - low) / np.ptp(heights)
+    part: Floats = arms[rises <= 0.5]
+    if len(part) <= MANY:
+        return part
+    # All around the foot, where the facet below it is told from others.
+    rises = rises[rises <= 0.5]
+    share = MANY / len(part)
+    is_kept = np.random.default_rng(0).random(len(part)) < share
+    fewer: Floats = part[is_kept | (rises <= FOOT)]
+    return fewer
 
 
 def _hull(points: Floats, up: Floats) -> tuple[Floats, Floats, Floats]:
@@ -352,6 +369,8 @@ def _hull(points: Floats, up: Floats) -> tuple[Floats, Floats, Floats]:
     weights = np.zeros(len(points))
     np.add.at(weights, simplices.ravel(), np.repeat(areas / 3, 3))
     kept = np.flatnonzero(weights > 0)
+    # In no order, so that the first ones are spread over the bottom.
+    kept = np.random.default_rng(0).permutation(kept)
     return points[kept], weights[kept], hull.equations[is_low]
 
 

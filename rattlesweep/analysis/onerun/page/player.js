@@ -3,12 +3,8 @@
 (() => {
   const get = (id) => document.getElementById(id);
   const D = JSON.parse(get("data").textContent);
-  const floats = (text) => {
-    const raw = atob(text);
-    const bytes = new Uint8Array(raw.length);
-    for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
-    return new Float32Array(bytes.buffer);
-  };
+  const buffer = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer;
+  const floats = (text) => new Float32Array(buffer(text));
   const names = D.columns;
   const width = names.length;
   const table = floats(D.table);
@@ -46,7 +42,7 @@
   }
 
   // Attitude (scalar first), contact point on the plane, centre of mass: the body touches the plane
-  // at the lowest point of its paraboloid, at every time and not at the rows alone.
+  // at the lowest point of its surface, at every time and not at the rows alone.
   const b = D.body;
   const cos = Math.cos(b.xi), sin = Math.sin(b.xi);
   const bxx = (cos * cos) / b.theta + (sin * sin) / b.phi;
@@ -61,7 +57,12 @@
     const ux = 2 * (q1 * q3 - q0 * q2), uy = 2 * (q2 * q3 + q0 * q1);
     const uz = 1 - 2 * (q1 * q1 + q2 * q2);
     const p = ux / uz, q = uy / uz;
-    const rx = bxx * p + bxy * q, ry = bxy * p + byy * q, rz = 1 - 0.5 * (rx * p + ry * q);
+    let rx = bxx * p + bxy * q, ry = bxy * p + byy * q;
+    // An ellipsoid of vertical semi-axis c is narrower than the paraboloid by the factor 1 / root.
+    const square = rx * p + ry * q, root = b.c ? Math.sqrt(1 + square / b.c) : 1;
+    const rz = 1 - square / (root * (1 + root));
+    rx /= root;
+    ry /= root;
     const [cx, cy] = [y[at.trace_x], y[at.trace_y]];
     out.q[0] = q0; out.q[1] = q1; out.q[2] = q2; out.q[3] = q3;
     out.contact[0] = cx; out.contact[1] = cy;
@@ -87,7 +88,8 @@
     t: tStart, playing: false, speed: D.speed, follow: true, glass: false, frames: 0, busy: 0, longest: 0,
   };
   let dirty = true;
-  const scene = makeScene(get("view"), { body: b, rise: D.rise, trail: D.trail,
+  const solid = D.solid && { vertices: floats(D.solid.vertices), faces: new Uint16Array(buffer(D.solid.faces)) };
+  const scene = makeScene(get("view"), { body: b, solid, rise: D.rise, trail: D.trail,
     start: tStart, slides: D.slides,
     changed: () => { dirty = true; } });
   if (scene.error) {

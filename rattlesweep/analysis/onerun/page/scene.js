@@ -1,6 +1,6 @@
 "use strict";
 // What is drawn: the body's true shape, the plane, shadow and trace. Lengths are in units of a.
-function makeScene(canvas, { body, rise, trail, start, slides, changed }) {
+function makeScene(canvas, { body, solid: mesh, rise, trail, start, slides, changed }) {
   const T = THREE;
   const nothing = () => {};
   const absent = (error) => ({ error, draw: nothing, resize: nothing, paint: nothing,
@@ -25,10 +25,11 @@ function makeScene(canvas, { body, rise, trail, start, slides, changed }) {
   // q / (1 + sqrt(1 - q / c)).
   // Body axes: z points down to the contact; curvature theta lies along (cos xi, sin xi).
   const perC = body.c ? 1 / body.c : 0, rim = rise * (2 - rise * perC);
-  const short = Math.sqrt(rim / body.theta), long = Math.sqrt(rim / body.phi);
+  let short = Math.sqrt(rim / body.theta), long = Math.sqrt(rim / body.phi);
   const c = Math.cos(body.xi), s = Math.sin(body.xi);
-  const lip = 0.12 * rise, dome = 0.34 * rise;
-  const top = 1 - rise - lip;
+  const lip = 0.12 * rise;
+  let dome = 0.34 * rise;
+  let top = 1 - rise - lip;
   const deckAt = (rho) => top - dome * (1 - rho * rho);
   const place = (u, v, z) => [c * u - s * v, s * u + c * v, z];
 
@@ -74,6 +75,50 @@ function makeScene(canvas, { body, rise, trail, start, slides, changed }) {
   const upper = [];
   for (let k = 24; k >= 0; k--) upper.push([k / 24, deckAt(k / 24), (2 * dome * k) / 24, -1]);
 
+  // A mesh; its edges are sharp where the triangles of a corner differ by more than CREASE.
+  const CREASE = Math.cos((40 * Math.PI) / 180);
+  function meshShape({ vertices, faces }) {
+    const corner = (i) => new T.Vector3().fromArray(vertices, 3 * i);
+    const normals = [], around = Array.from({ length: vertices.length / 3 }, () => []);
+    for (let f = 0; f < faces.length / 3; f++) {
+      const [a, b, d] = [0, 1, 2].map((k) => corner(faces[3 * f + k]));
+      normals.push(b.sub(a).cross(d.sub(a)));
+      for (let k = 0; k < 3; k++) around[faces[3 * f + k]].push(f);
+    }
+    // Triangles that look up are painted as a deck; z points down.
+    const deck = [], bottom = [];
+    normals.forEach((n, f) => (n.z < -0.9 * n.length() ? deck : bottom).push(f));
+    const position = [], normal = [];
+    for (const f of [...bottom, ...deck]) {
+      for (let k = 0; k < 3; k++) {
+        const i = faces[3 * f + k], sum = new T.Vector3();
+        for (const other of around[i]) {
+          const cosine = normals[other].dot(normals[f]);
+          if (cosine >= CREASE * normals[other].length() * normals[f].length()) sum.add(normals[other]);
+        }
+        position.push(...vertices.subarray(3 * i, 3 * i + 3));
+        normal.push(...sum.normalize().toArray());
+      }
+    }
+    const shape = new T.BufferGeometry();
+    shape.setAttribute("position", new T.BufferAttribute(new Float32Array(position), 3));
+    shape.setAttribute("normal", new T.BufferAttribute(new Float32Array(normal), 3));
+    shape.addGroup(0, 3 * bottom.length, 0);
+    shape.addGroup(3 * bottom.length, 3 * deck.length, 1);
+    return shape;
+  }
+  // Half of its extent across and along the axes of curvature, and its highest point.
+  if (mesh) {
+    short = long = dome = 0;
+    top = Infinity;
+    for (let i = 0; i < mesh.vertices.length; i += 3) {
+      const [x, y, z] = mesh.vertices.subarray(i, i + 3);
+      short = Math.max(short, Math.abs(c * x + s * y));
+      long = Math.max(long, Math.abs(-s * x + c * y));
+      top = Math.min(top, z);
+    }
+  }
+
   const scene = new T.Scene();
   const solid = new T.Group();
   scene.add(solid);
@@ -81,9 +126,12 @@ function makeScene(canvas, { body, rise, trail, start, slides, changed }) {
     clearcoatRoughness: 0.18, side: T.DoubleSide });
   const deckPaint = new T.MeshPhysicalMaterial({ roughness: 0.6, clearcoat: 0.25,
     clearcoatRoughness: 0.4, side: T.DoubleSide });
-  const lowerMesh = new T.Mesh(hull(lower, AROUND), hullPaint);
-  const parts = [lowerMesh, new T.Mesh(hull(edge, AROUND), hullPaint),
-    new T.Mesh(hull(upper, AROUND), deckPaint)];
+  const lowerMesh = mesh ? new T.Mesh(meshShape(mesh), [hullPaint, deckPaint])
+    : new T.Mesh(hull(lower, AROUND), hullPaint);
+  const parts = [lowerMesh];
+  if (!mesh) {
+    parts.push(new T.Mesh(hull(edge, AROUND), hullPaint), new T.Mesh(hull(upper, AROUND), deckPaint));
+  }
   const inertiaPaint = new T.MeshStandardMaterial({ roughness: 0.55, side: T.DoubleSide });
   const curvaturePaint = new T.MeshStandardMaterial({ roughness: 0.55, side: T.DoubleSide });
   // A stripe on the deck along a direction, from `from` to `to` of its reach.

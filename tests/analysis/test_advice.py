@@ -1,0 +1,51 @@
+"""The weights that `body` proposes make the skew that it says."""
+
+import math
+
+import pytest
+
+import rattlesweep as rs
+from rattlesweep.analysis.advice import SHARE, weights_for_skew
+from rattlesweep.physics.mesh import shapes
+from rattlesweep.physics.mesh.printing import write
+
+SIZES = {"length": 0.12, "width": 0.03, "height": 0.012, "mass": 0.06}
+
+
+@pytest.mark.parametrize("given", [2.0, -6.0])
+def test_two_weights_on_a_half_ellipsoid(given):
+    body = rs.Rattleback.half_ellipsoid(**SIZES, skew=math.radians(given))
+    advice = weights_for_skew(body)
+    assert advice.mass == pytest.approx(SHARE * 0.06, rel=0.3)
+    assert math.degrees(advice.skew) > abs(given) + 1
+    x, y = advice.place
+    assert (x / 0.06) ** 2 + (y / 0.015) ** 2 < 0.75
+    made = rs.Rattleback.half_ellipsoid(
+        **SIZES, skew=math.radians(given), weights=advice.mass, at=tuple(advice.place)
+    )
+    assert abs(made.xi) == pytest.approx(advice.skew, rel=1e-9)
+    assert made.xi * body.xi > 0
+
+
+@pytest.mark.parametrize("given", [3.0, -5.0])
+def test_two_weights_on_a_mesh(given, tmp_path):
+    pytest.importorskip("trimesh")
+    path = tmp_path / "stone.stl"
+    write(shapes.half_ellipsoid(0.12, 0.03, 0.012, 32, math.radians(given)), path)
+    body = rs.Rattleback.from_mesh(path, mass=0.06)
+    advice = weights_for_skew(body)
+    points = [(advice.mass, place * 1e3) for place in (advice.place, advice.other)]
+    made = rs.Rattleback.from_mesh(path, mass=0.06, points=points)
+    # The heavier body is fitted over another part of the twisted bottom.
+    assert abs(made.xi) == pytest.approx(advice.skew, rel=6e-3)
+    assert made.xi * body.xi > 0
+    # On the flat side.
+    assert [place[2] for place in (advice.place, advice.other)] == pytest.approx(
+        [0, 0], abs=1e-4
+    )
+    assert "mm of the mesh make it" in advice.sentence
+
+
+def test_no_weights_where_none_can_lie():
+    assert weights_for_skew(rs.Rattleback.gh()) is None
+    assert weights_for_skew(rs.Rattleback.kl()) is None
