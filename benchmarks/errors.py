@@ -66,10 +66,14 @@ MIXES = {
 SWINGING = "swinging"
 SWINGING_RUNS = 1600
 SWINGING_SEED = 2
-# Dissipation and samples of mixes with friction, in both directions.
-FRICTION: dict[str, tuple[dict[str, list[float]], int]] = {
-    "pivoting": ({"pivot": [5e-4, 2e-3]}, 90),
-    "sliding": ({"mu": [0.1, 0.3, 1.0]}, 54),
+# Surface, dissipation and samples of mixes with friction, in both directions.
+PIVOT = {"pivot": [5e-4, 2e-3]}
+MU = {"mu": [0.1, 0.3, 1.0]}
+ELLIPSOID = {"c": [1.0, 3.0]}
+FRICTION: dict[str, tuple[dict[str, Any], dict[str, list[float]], int]] = {
+    "pivoting": ({}, PIVOT, 90),
+    "sliding": ({}, MU, 54),
+    "ellipsoid-pivoting": (ELLIPSOID, PIVOT, 110),
 }
 FRICTION_SEED = 4
 SETTINGS = (
@@ -151,10 +155,10 @@ def _swinging_plan(size: int) -> Any:
 
 
 def _friction_plan(name: str, share: float) -> Any:
-    losses, count = FRICTION[name]
+    surface, losses, count = FRICTION[name]
     config = {
         "seed": FRICTION_SEED,
-        "bodies": {"source": "sd", "samples": int(count * share)},
+        "bodies": {"source": "sd", "samples": int(count * share)} | surface,
         "dissipation": losses,
         "spin": {"n_i": [0.1, 0.3, 0.5, -0.1, -0.3], "omega_xy0": [0.01, 0.1]},
         "horizon": {"t_rgh": 5, "t": 2000},

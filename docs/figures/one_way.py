@@ -16,15 +16,8 @@ from rattlesweep.api import load
 
 PUSH = 0.01  # of the left panel
 BODY = ["alpha", "gamma", "xi", "n_i", "omega_xy0"]
-RATIOS = (
-    0,
-    0.5,
-    0.8,
-    1,
-    1.25,
-    2,
-    np.inf,
-)  # edges of the spin there is over that needed
+# Edges of the spin that there is over the one that is needed.
+RATIOS = (0, 0.4, 0.6, 0.8, 1, 2, np.inf)
 
 
 def wilson(hits: float, runs: float) -> tuple[float, float]:

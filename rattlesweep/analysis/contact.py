@@ -11,7 +11,7 @@ from rattlesweep.physics.materials import Material, contact_modulus
 from rattlesweep.quantities import LENGTH, QUANTITIES, RATE, TIME
 
 PRESSURE = "M g / a^2"
-LIMITS = (
+_LIMITS = (
     "these are smooth elastic solids at rest: roughness, creep, wear, yielding and the "
     "grain of wood are left out"
 )
@@ -113,7 +113,7 @@ def patch_under(
     modulus = contact_modulus(*materials)
     patch = ellipse(units.mass * units.gravity, radii, modulus)
     pivot = mu * patch.mean_radius / units.length
-    remarks = [LIMITS]
+    remarks = [_LIMITS]
     if facet is not None:
         remarks.append(_compared(patch, facet))
     smaller, larger = radii

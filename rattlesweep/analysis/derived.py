@@ -22,6 +22,7 @@ from rattlesweep.quantities import (
 )
 
 SPINS = ("n", "n_i", "n_0", "n_c1", "n_reduced", "n_gh")  # in SI units in rpm
+TORQUES = ("pivot_torque",)  # in SI units in N m, although their unit is of energies
 # A coefficient of friction that a smooth stone on a smooth table may lack.
 COMMON_FRICTION = 0.3
 SLIPS_AT_REVERSAL = (
@@ -162,4 +163,6 @@ def si_of(name: str, unit: str, units: Units) -> tuple[float, str]:
     size, si_unit = units.sizes[unit]
     if name in SPINS:
         return size * (30 / math.pi), "rpm"
+    if name in TORQUES:
+        return size, "N m"
     return size, si_unit

@@ -113,7 +113,7 @@ RC: dict[str, object] = {
     "pdf.fonttype": 42,
 }
 # File formats, without the metadata that would make two equal figures differ.
-FORMATS = {
+_FORMATS = {
     "svg": {"Date": None},
     "png": {"Software": None},
     "pdf": {"CreationDate": None},
@@ -395,10 +395,10 @@ def curve(
 
 
 def encode_figure(figure: Figure, kind: str, dpi: float = _DPI) -> bytes:
-    """Return a figure in one of `FORMATS`; equal figures give equal bytes."""
+    """Return a figure in one of `_FORMATS`; equal figures give equal bytes."""
     buffer = io.BytesIO()
     with valid_texts():
-        figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
+        figure.savefig(buffer, format=kind, dpi=dpi, metadata=_FORMATS[kind])
     return buffer.getvalue()
 
 
@@ -424,9 +424,9 @@ def save_figure(figure: Figure, paths: Sequence[Path], dpi: float = _DPI) -> Non
     """Write a figure to files atomically, in the formats of their endings."""
     for path in paths:
         kind = path.suffix.lower().removeprefix(".")
-        if kind not in FORMATS:
+        if kind not in _FORMATS:
             raise ConfigError(
-                f"path {path}: the name must end in .{', .'.join(FORMATS)}"
+                f"path {path}: the name must end in .{', .'.join(_FORMATS)}"
             )
         replace_file(path, encode_figure(figure, kind, dpi))
 

@@ -45,7 +45,7 @@ TEXT = pa.string()
 _SERIES = pa.list_(pa.field("element", F64))
 
 
-Source: TypeAlias = "Callable[[Results], Values]"
+_Source: TypeAlias = "Callable[[Results], Values]"
 """Function of the results of a block that returns a column."""
 
 
@@ -66,7 +66,7 @@ class Column:
 
     name: str
     type: pa.DataType
-    source: Source
+    source: _Source
     unit: str = "1"
     meaning: str = ""
     # Appended to the meaning: what a null means, or a sign.

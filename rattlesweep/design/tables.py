@@ -29,7 +29,7 @@ COMMENT = "#"  # begins lines before the header that are no part of the table
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 COMMA_DECIMAL = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 POINT_DECIMAL = re.compile(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?")
-NUMBER = re.compile(r"[-+]?[.,]?\d")
+_NUMBER = re.compile(r"[-+]?[.,]?\d")
 _WHOLE = re.compile(r"0|-?[1-9]\d*", re.ASCII)
 
 
@@ -322,7 +322,7 @@ def _begins_with_title(head: str) -> bool:
     title, header, row = (
         [cell.strip().strip('"') for cell in line.split(separator)] for line in lines
     )
-    is_number = [NUMBER.match(cells[0]) is not None for cells in (title, header, row)]
+    is_number = [_NUMBER.match(cells[0]) is not None for cells in (title, header, row)]
     is_named = header[0] != "" and len(list(filter(None, header))) > 1
     fewer = len(list(filter(None, title))) < len(list(filter(None, header)))
     return is_number == [False, False, True] and is_named and fewer

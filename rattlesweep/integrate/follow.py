@@ -182,7 +182,7 @@ def states_after(problem, parts, w, steps, which, offset, constants, swing, scal
 
 
 def observe(problem, states, slips, senses, constants, out):
-    """Write spin, energy, normal and tangential contact force to ``out``."""
+    """Write spin, energy, contact forces and torque of pivoting to ``out``."""
     model = problem.model
     q = first_of(constants, model.n_constants)
     mu = constants[-1]
@@ -192,7 +192,9 @@ def observe(problem, states, slips, senses, constants, out):
         if problem.pivots:
             q = q[:-1] + (senses[i],)  # noqa: RUF005
         out[0, i] = model.spin(y)
-        out[1, i], out[2, i], out[3, i] = problem.modes.observe(model, y, slip, q, mu)
+        observed = problem.modes.observe(model, y, slip, q, mu)
+        for row, value in enumerate(observed):
+            out[1 + row, i] = value
 
 
 OPTIONS = {"nogil": True, "error_model": "numpy"}
@@ -409,11 +411,13 @@ class Follower:
         return self._samples(1, len(self._table))
 
     def observe(self, samples: Samples) -> Floats:
-        """Return spin, energy minus work, normal and tangential force, shape (4, rows).
+        """Return an array of shape (5, rows) of what samples show.
 
-        They are in ``sqrt(g/a)``, ``M g a`` and ``M g``.
+        Its rows are the spin in ``sqrt(g/a)``, the energy minus the work in ``M g a``,
+        the normal and the tangential force in ``M g``, and the torque of pivoting
+        friction in ``M g a``.
         """
-        out = np.empty((4, len(samples.t)))
+        out = np.empty((5, len(samples.t)))
         problem = batches.problem_of(self._models[0], True)
         constants = self._batch.constants[0]
         self._observe(problem, samples.y, samples.slip, samples.sense, constants, out)

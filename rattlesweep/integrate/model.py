@@ -38,6 +38,8 @@ class Slide:
     place: Formula
     # derivative(y, slip, what `place` returns, domega/dt, normal force): dy
     derivative: Formula
+    # turned(y, u, rate): y with the angular velocity changed by rate u
+    turned: Formula
     # Slope beyond which the state says too little about the contact for a slide to
     # begin; such a run is integrated again in the variables of `Model.anywhere`.
     steepest: float = inf
@@ -682,6 +684,13 @@ def _contact_of_slope(touch, p, q, a, b, c, shape):
     return (dp, dq), u, (a, b, c), r, (wx, wy, wz)
 
 
+@scalar
+def _turned(y, u, rate):
+    p, q, a, b, c = y[:5]
+    x, y_, z = u
+    return (p, q, a + rate * x, b + rate * y_, c + rate * z) + y[5:]  # noqa: RUF005
+
+
 _NONE = 0.0, 0.0, 0.0
 
 
@@ -699,7 +708,7 @@ def _sliding(rolling: Model, law: Friction | None) -> Model:
         return rates, u, omega, r, w, constants[:3], _NONE, _NONE
 
     if law is None:
-        slide = Slide(place, _without_work)
+        slide = Slide(place, _without_work, _turned)
         return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
     couples = law.couples
 
@@ -712,7 +721,7 @@ def _sliding(rolling: Model, law: Friction | None) -> Model:
         return rates, u, omega, r, w, constants[:3], torque, drag
 
     derivative = _with_work if law.pivot is None else _with_works
-    slide = Slide(place_with_friction, derivative)
+    slide = Slide(place_with_friction, derivative, _turned)
     return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
 
 
@@ -729,10 +738,18 @@ def _place_in_any_position(y, creep, constants):
     return rates, u, omega, r, w, constants[:3], torque, drag
 
 
+@scalar
+def _turned_in_any_position(y, u, rate):
+    vx, vy, vz, a, b, c = y[:6]
+    x, y_, z = u
+    turned = a + rate * x, b + rate * y_, c + rate * z
+    return (vx, vy, vz) + turned + y[6:]  # noqa: RUF005
+
+
 VECTORS_SLIDING = replace(
     VECTORS,
     name="vectors_sliding",
-    slide=Slide(_place_in_any_position, _with_work),
+    slide=Slide(_place_in_any_position, _with_work, _turned_in_any_position),
 )
 
 
@@ -748,7 +765,7 @@ def _place_with_pivoting(y, creep, constants):
 VECTORS_PIVOTING_SLIDING = replace(
     VECTORS_PIVOTING,
     name="vectors_pivoting_sliding",
-    slide=Slide(_place_with_pivoting, _with_works),
+    slide=Slide(_place_with_pivoting, _with_works, _turned_in_any_position),
 )
 
 STEEPEST = 100.0

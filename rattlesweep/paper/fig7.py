@@ -57,6 +57,9 @@ EXAMPLES = {
         "(b-3) SW, chaotic",
     ),
 }
+# Friction from which on most bodies that reverse do so in one direction only (C1).
+LEAST_SIGMA = 0.008
+LEAST_LEVER = 0.005
 EXPONENTS = ("lyapunov", "lyapunov_late", "kaplan_yorke", "regime")
 # Range for "only several Type SS samples out of 8000 samples".
 SEVERAL = (1, 20)
@@ -404,9 +407,20 @@ def draw_types(tables: Tables) -> Figure:
 
 
 def friction(ws: Workspace) -> Tables:
-    """Return the table ``shares``: how many bodies reverse which way, by sigma."""
-    runs = ws.sweep("friction")
-    turns = runs.pivot_table("n_turns", ["sigma", "sample"], "n_i").dropna()
+    """Return how many bodies reverse which way, by the size of a friction.
+
+    The tables are ``shares``, by sigma, and ``pivoting``, by the lever of pivoting
+    friction.
+    """
+    return {
+        "shares": _ways(ws.sweep("friction"), "sigma"),
+        "pivoting": _ways(ws.sweep("pivoting"), "pivot"),
+    }
+
+
+def _ways(runs: pd.DataFrame, size: str) -> pd.DataFrame:
+    """Count the bodies that reverse which way, by the column `size` of a friction."""
+    turns = runs.pivot_table("n_turns", [size, "sample"], "n_i").dropna()
     unsteady = turns[0.3] > 0
     steady = turns[-0.3] > 0
     ways = pd.DataFrame(
@@ -420,57 +434,77 @@ def friction(ws: Workspace) -> Tables:
             "twice": turns[0.3] > 1,
         }
     )
-    rows = ways.groupby("sigma").sum().reset_index()
-    return {"shares": with_shares(rows, ["one_way", "both", "neither"])}
+    rows = ways.groupby(size).sum().reset_index()
+    return with_shares(rows, ["one_way", "both", "neither"])
 
 
 def one_way(made: Made) -> Measured:
     """Measure C1: the share of bodies that reverse in one direction only."""
-    rows = made["friction"]["shares"]
-    top = records(rows.nlargest(1, "fraction_one_way"))[0]
-    value, low, high = (top[f"fraction_one_way{end}"] for end in ("", "_low", "_high"))
-    still = rows[(rows["unsteady"] > rows["runs"] / 2) & (rows["sigma"] >= 0.008)]
-    least, most = wilson(still["one_way"], still["unsteady"])
+    by_sigma = made["friction"]["shares"]
+    by_lever = made["friction"]["pivoting"]
+    tops = []
+    steady_only = []
+    most_of_rest = []
+    for rows, size, least in (
+        (by_sigma, "sigma", LEAST_SIGMA),
+        (by_lever, "pivot", LEAST_LEVER),
+    ):
+        tops.append(records(rows.nlargest(1, "fraction_one_way"))[0])
+        steady_only.append(rows["steady_only"] == 0)
+        still = rows[(rows["unsteady"] > rows["runs"] / 2) & (rows[size] >= least)]
+        most_of_rest.append(wilson(still["one_way"], still["unsteady"]))
+    low, high = np.concatenate(most_of_rest, axis=1)
     checks = [
-        every([low > 0.5], high > 0.5),
-        every(rows["steady_only"] == 0),
-        every(least > 0.5, most > 0.5),
+        every(
+            [top["fraction_one_way_low"] > 0.5 for top in tops],
+            [top["fraction_one_way_high"] > 0.5 for top in tops],
+        ),
+        every(np.concatenate(steady_only)),
+        every(low > 0.5, high > 0.5),
     ]
+    top, top_lever = tops
     return checks, {
-        "value": value,
-        "low": low,
-        "high": high,
-        "rows": records(rows),
-        "runs": int(rows["runs"].max()),
-        "twice": records(rows.assign(share=rows["twice"] / rows["runs"])),
+        "value": top["fraction_one_way"],
+        "low": top["fraction_one_way_low"],
+        "high": top["fraction_one_way_high"],
+        "rows": records(by_sigma),
+        "levers": records(by_lever),
+        "lever": top_lever,
+        "runs": int(by_sigma["runs"].max()),
+        "runs_lever": int(by_lever["runs"].max()),
+        "twice": records(by_sigma.assign(share=by_sigma["twice"] / by_sigma["runs"])),
+        "twice_lever": records(
+            by_lever.assign(share=by_lever["twice"] / by_lever["runs"])
+        ),
     }
 
 
 def draw_friction(tables: Tables) -> Figure:
-    """Draw the shares of the bodies against sigma."""
-    figure = new_figure(5.4, 3.6)
-    axis = figure.add_subplot()
+    """Draw the shares of the bodies against sigma, and against the lever."""
+    figure = new_figure(7.2, 3.4)
+    axes = figure.subplots(1, 2, sharey=True)
     names = {
         "both": "in both",
         "one_way": "in the unsteady direction only",
         "neither": "in neither",
     }
-    for (name, label), (colour, marker) in zip(names.items(), SERIES, strict=False):
-        draw_share(
-            axis,
-            tables["shares"],
-            "sigma",
-            name,
-            color=colour,
-            marker=marker,
-            label=label,
-        )
-    axis.set(
-        xscale="log",
-        ylim=(-0.03, 1.03),
-        ylabel="share of the bodies that reverse",
-        xlabel=r"$\sigma$ / $M a^2 \tilde\omega$",
+    panels = (
+        ("shares", "sigma", r"$\sigma$ / $M a^2 \tilde\omega$"),
+        ("pivoting", "pivot", "lever of pivoting friction / $a$"),
     )
-    axis.grid(visible=True)
-    add_legend(figure, axis.get_legend_handles_labels()[0])
+    for axis, (table, size, label) in zip(axes, panels, strict=True):
+        for (name, way), (colour, marker) in zip(names.items(), SERIES, strict=False):
+            draw_share(
+                axis,
+                tables[table],
+                size,
+                name,
+                color=colour,
+                marker=marker,
+                label=way,
+            )
+        axis.set(xscale="log", ylim=(-0.03, 1.03), xlabel=label)
+        axis.grid(visible=True)
+    axes[0].set_ylabel("share of the bodies that reverse")
+    add_legend(figure, axes[0].get_legend_handles_labels()[0])
     return figure

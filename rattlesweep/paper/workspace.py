@@ -36,6 +36,7 @@ class Sizes:
     lyapunov: int = 20_000  # runs of type SW that are tested for chaos, at most
     windows: int = 6000  # runs of Fig. 8 that are followed in windows of time, at most
     friction: int = 1000  # bodies under friction
+    pivoting: int = 400  # bodies under pivoting friction
     exponents_t_end: float = 1_000_000.0  # of the runs of Fig. 9
 
 
@@ -46,6 +47,7 @@ QUICK_SIZES = Sizes(
     samples=30,
     lyapunov=200,
     friction=60,
+    pivoting=40,
     exponents_t_end=50_000.0,
 )
 
@@ -93,13 +95,12 @@ class Workspace:
 
 
 def sweep_config(name: str, sizes: Sizes) -> dict[str, Any]:
-    """Return the config of the sweep ``steady``, ``unsteady`` or ``friction``."""
+    """Return the config of ``steady``, ``unsteady``, ``friction`` or ``pivoting``."""
     config: dict[str, Any] = YAML(typ="safe").load(
         Path(__file__).with_name(f"{name}.yaml")
     )
-    config["bodies"]["samples"] = sizes.samples
-    if name == "friction":
-        config["bodies"]["samples"] = sizes.friction
+    samples = {"friction": sizes.friction, "pivoting": sizes.pivoting}
+    config["bodies"]["samples"] = samples.get(name, sizes.samples)
     return config
 
 

@@ -14,7 +14,7 @@ law in each point of a circular patch under Hertz's pressure, with the radius ``
 
 # mypy: disable-error-code="no-untyped-def"
 from collections.abc import Callable
-from math import asin, pi, sqrt
+from math import asin, exp, pi, sqrt
 from typing import Any
 
 from rattlesweep.physics.full import acceleration, scalar, slope_rate
@@ -26,6 +26,8 @@ RETURN = 1.0
 # Speed of sliding, in sqrt(g a), that is added to the others in `share_of_lever`: the
 # spin's decay is stiff where both it and the speed are small.
 LEAST_SPEED = 1e-9
+# Largest share of the lever in `spin_of_share`; the spin is infinite at 1.
+MOST_SHARE = 0.999999
 
 
 @scalar
@@ -42,6 +44,26 @@ def share_of_lever(x):
     root = sqrt(square - 1.0)
     whole = (2.0 - 2.0 * square + 0.75 * square * square) * angle
     return (whole + 0.25 * root * (6.0 - 3.0 * square)) / pi
+
+
+@scalar
+def spin_of_share(share, lever, creep):
+    """Return the spin at which a sliding patch has the torque ``-share l F_n``.
+
+    ``creep`` is ``mu`` times the speed of sliding; ``share`` is from -1 to 1.  The
+    spin follows from the inverse of :func:`share_of_lever`, by bisection.
+    """
+    size = min(abs(share), MOST_SHARE)
+    low = -20.0
+    high = 300.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if share_of_lever(exp(middle)) > size:
+            low = middle
+        else:
+            high = middle
+    spin = creep * (3.0 * pi / 16.0) / (lever * exp(low))
+    return spin if share > 0.0 else -spin
 
 
 @scalar

@@ -13,7 +13,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.physics.surface import Surface, in_python
 from rattlesweep.physics.theory import Modes
 
-STEEPEST = 1e3  # slope up to which a body is tilted to find its turning point
+_STEEPEST = 1e3  # slope up to which a body is tilted to find its turning point
 
 
 class Shape(NamedTuple):
@@ -99,9 +99,9 @@ def turning_friction(moments: Floats, shape: Shape, psi: float, energy: float) -
         contact, up = _contact_and_vertical(tilt * direction, shape)
         return float(-contact @ up) - 1 - energy
 
-    if not (np.isfinite(energy) and energy > 0 and surplus(STEEPEST) > 0):
+    if not (np.isfinite(energy) and energy > 0 and surplus(_STEEPEST) > 0):
         return float("nan")
-    tilt = float(brentq(surplus, 0.0, STEEPEST))
+    tilt = float(brentq(surplus, 0.0, _STEEPEST))
     contact, up = _contact_and_vertical(tilt * direction, shape)
     # Eqs. 11 and 1 for a body at rest: the torque of gravity accelerates it.
     inertia = np.diag(moments + contact @ contact) - np.outer(contact, contact)

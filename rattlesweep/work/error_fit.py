@@ -27,29 +27,31 @@ FITS = {
     "rk4": ErrorFit(floor=0.0, share=0.003),
 }
 """Constants by method; a method without them has no estimate."""
-# Constants by surface and by law of friction, None for those of the method; those of a
-# law count before those of a surface.  Others have no estimate.
-SURFACE_FITS: dict[str, ErrorFit | None] = {
-    "paraboloid": None,
+# Kinks lower the order of all methods, so a companion must be nearly as accurate as the
+# run.
+_ROLLING = ErrorFit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
+# The begin of a slide is known to a few 1e-12 at any tolerance.
+_SLIDING = ErrorFit(slope=8.0, looser=300.0, tightest=3.5e-12)
+MOTION_FITS: dict[tuple[str, str], ErrorFit | None] = {
+    ("paraboloid", ""): None,
     # Its large swings are harder to integrate.
-    "ellipsoid": ErrorFit(slope=20.0, share=0.002),
+    ("ellipsoid", ""): ErrorFit(slope=20.0, share=0.002),
+    ("paraboloid", "rolling"): _ROLLING,
+    ("ellipsoid", "rolling"): _ROLLING,
+    # Zeros and rests of the spin, and slides, split the motion into smooth parts, but a
+    # zero that only one of two runs has changes what follows.
+    ("paraboloid", "pivoting"): ErrorFit(slope=6.0, power=0.8, looser=100.0),
+    ("ellipsoid", "pivoting"): ErrorFit(slope=6.0, looser=300.0),
+    ("paraboloid", "sliding"): _SLIDING,
 }
-LAW_FITS: dict[str, ErrorFit | None] = {
-    "viscous": None,
-    # Kinks lower the order of all methods, so a companion must be nearly as accurate as
-    # the run.
-    "rolling": ErrorFit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0),
-    # Zeros and rests of the spin split the motion into smooth parts, but a zero that
-    # only one of two runs has changes what follows.
-    "pivoting": ErrorFit(slope=6.0, power=0.8, looser=100.0),
-}
-# Constants for a foot that slides, without a law or with a viscous couple.  The begin
-# of a slide is known to a few 1e-12 at any tolerance.
-SLIDING_FIT = ErrorFit(slope=8.0, looser=300.0, tightest=3.5e-12)
+"""Constants by surface and friction, None for those of the method.
+
+A viscous couple changes nothing.  Others have no estimate.
+"""
 
 
 def fit_of(config: Config) -> ErrorFit:
-    """Return the constants of a sweep; ConfigError for a method that has none."""
+    """Return the constants of a sweep; ConfigError where there are none."""
     method = config.integrator.method
     if method not in FITS:
         raise ConfigError(
@@ -57,22 +59,17 @@ def fit_of(config: Config) -> ErrorFit:
             f"record: [error] and accuracy, or use {' or '.join(FITS)}"
         )
     surface = config.bodies.bottom
-    law = config.dissipation.law
-    for name, known in ((surface, SURFACE_FITS), (law, LAW_FITS)):
-        if name is not None and name not in known:
-            raise _uncalibrated(name)
-    rubs = config.dissipation.slides or law == "pivoting"
-    if rubs and SURFACE_FITS[surface] is not None:
-        raise _uncalibrated(f"{surface} with mu or pivot")
-    if config.dissipation.slides and law not in (None, "viscous"):
-        raise _uncalibrated(f"mu with the law {law}")
-    of_law = None if law is None else LAW_FITS[law]
-    if config.dissipation.slides:
-        of_law = of_law or SLIDING_FIT
-    return of_law or SURFACE_FITS[surface] or FITS[method]
-
-
-def _uncalibrated(what: str) -> ConfigError:
-    return ConfigError(
-        f"record: errors are not calibrated for {what}; leave out error and accuracy"
-    )
+    losses = config.dissipation
+    parts = []
+    if losses.law not in (None, "viscous"):
+        parts.append(str(losses.law))
+    if losses.slides:
+        parts.append("sliding")
+    friction = " and ".join(parts)
+    if (surface, friction) not in MOTION_FITS:
+        what = f"{surface} with {friction}" if friction else surface
+        raise ConfigError(
+            f"record: errors are not calibrated for {what}; leave out error and "
+            "accuracy"
+        )
+    return MOTION_FITS[surface, friction] or FITS[method]

@@ -112,8 +112,19 @@ def mirrored():
         yield case(image, -n_i, push, 2e-3, 115 if mu is None else 45, -psi, mu=mu)
 
 
+def heavy_taps():
+    """Yield taps whose foot begins to slide while the spin is held."""
+    for mode, push, mu, lever, t_end in (
+        ("r", 0.2, 0.05, 0.05, 12),
+        ("r", 0.2, 0.1, 0.05, 12),
+        ("r", 0.3, 0.15, 0.05, 12),
+        ("p", 0.3, 0.1, 0.1, 6),
+    ):
+        yield case(oracle.GH, 0.0, push, lever, t_end, psi=mode, mu=mu)
+
+
 def every():
-    return [*known(), *taps(), *drawn(), *mirrored()]
+    return [*known(), *taps(), *drawn(), *mirrored(), *heavy_taps()]
 
 
 def numbers(snapshot):

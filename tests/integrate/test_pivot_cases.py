@@ -4,6 +4,8 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
+import pivot_oracle
 import pytest
 
 import rattlesweep as rs
@@ -74,3 +76,61 @@ def test_short_rests_at_any_tolerance(tol):
         assert run.status == "ok"
         wanted = case["result"]["at_end"]["held_time"]
         assert run.held_time == pytest.approx(wanted, abs=1e-7)
+
+
+def needed_torque(row, body, lever, mu=math.inf):
+    """Return the torque of the reference program at a row of a trajectory."""
+    stone = pivot_oracle.rubbed_stone(body, lever, mu)
+    u = row.u_x, row.u_y, row.u_z
+    omega = row.omega_x, row.omega_y, row.omega_z
+    if row.held:
+        return pivot_oracle.holding_torque(stone, u, omega).torque
+    if not row.sliding:
+        side = -lever * math.copysign(1.0, row.n)
+        return pivot_oracle.rolling_forces(stone, u, omega, side).torque
+    first = np.array([1.0, 0.0, 0.0]) - row.u_x * np.array(u)
+    first /= np.linalg.norm(first)
+    angle = row.slip_angle
+    towards = math.cos(angle) * first + math.sin(angle) * np.cross(u, first)
+    side = -lever * pivot_oracle.rubbing_of(stone.patch * row.n / row.v_slip)
+    contact = pivot_oracle.contact_of(stone, u, omega)
+    # The foot moves, which the contact of a body that rolls leaves out.
+    forces, _, _ = pivot_oracle.sliding_forces(
+        stone, contact, u, omega, tuple(towards), side
+    )
+    return forces.torque
+
+
+@pytest.mark.parametrize(
+    "mu", [None, pytest.param(0.15, marks=pytest.mark.slow)], ids=["rolls", "slides"]
+)
+def test_channel_of_the_torque(mu):
+    """It is the torque that the motion needs, and its power is the work."""
+    body = rs.Rattleback.gh()
+    lever = 0.006
+    names = ["t", "n", "held", "sliding", "pivot_torque", "F_normal", "work"]
+    names += ["u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z"]
+    names += ["v_slip", "slip_angle"]
+    losses = {"pivot": lever} if mu is None else {"pivot": lever, "mu": mu}
+    launch = {"n_i": 0.0, "omega_xy0": 0.3, "psi": "roll"}
+    if mu is not None:
+        launch = {"n_i": 0.2, "omega_xy0": 0.3}
+    run = rs.trajectory(
+        body, **launch, t_end=20, points=20001, channels=names, **losses
+    )
+    table = run.table
+    assert run.units["pivot_torque"] == "M g a"
+    assert table["sliding" if mu else "held"].sum() > 100
+    for row in table[::97].itertuples():
+        wanted = needed_torque(row, body, lever, mu or math.inf)
+        assert row.pivot_torque == pytest.approx(wanted, rel=1e-6, abs=1e-12)
+    most = lever * table.F_normal
+    assert (abs(table.pivot_torque) <= most * (1 + 1e-9)).all()
+    spins = (table.held == 0) & (table.sliding == 0) & (table.n != 0)
+    full = -np.sign(table.n) * most
+    np.testing.assert_allclose(table.pivot_torque[spins], full[spins], rtol=1e-9)
+    if mu is None:
+        power = table.pivot_torque * table.n
+        assert np.trapezoid(power, table.t) == pytest.approx(
+            table.work.iloc[-1], rel=1e-4
+        )

@@ -25,6 +25,7 @@ def ws(tmp_path_factory):
         fig4_density=1_500_000,
         samples=30,
         friction=20,
+        pivoting=10,
         exponents_t_end=2000.0,
     )
     return Workspace(tmp_path_factory.mktemp("paper"), sizes, threads=2)
@@ -88,12 +89,14 @@ def test_l4_follows_the_volume(nine):
 
 def test_friction_keeps_more_and_more_bodies_from_reversing(ws):
     tables = fig7.friction(ws)
-    rows = tables["shares"]
-    assert (rows["runs"] == 20).all()
-    assert (rows[["one_way", "both", "neither", "steady_only"]].sum(axis=1) == 20).all()
-    assert rows["neither"].is_monotonic_increasing
-    assert rows["one_way"].max() > 10
-    assert len(fig7.draw_friction(tables).axes) == 1
+    for name, bodies in (("shares", 20), ("pivoting", 10)):
+        rows = tables[name]
+        assert (rows["runs"] == bodies).all()
+        ways = rows[["one_way", "both", "neither", "steady_only"]]
+        assert (ways.sum(axis=1) == bodies).all()
+        assert rows["neither"].is_monotonic_increasing
+        assert rows["one_way"].max() > bodies / 2
+    assert len(fig7.draw_friction(tables).axes) == 2
 
 
 @pytest.fixture(scope="module")

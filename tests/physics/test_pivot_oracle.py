@@ -199,7 +199,10 @@ def test_regularised_torque_converges():
 
 @pytest.mark.slow
 def test_how_far_the_torque_is_from_the_patch():
-    """The law of sweeps is off by percents at most where the whole patch rubs."""
+    """The law of sweeps is off by percents at most where the whole patch rubs.
+
+    A run takes up to 6 s of processor time, nearly all of it under the whole law.
+    """
     off = []
     for n_i, push in ((0.1, 0.01), (0.2, 0.1), (-0.2, 0.1)):
         for patch in (0.005, 0.01, 0.02, 0.05):
@@ -208,10 +211,12 @@ def test_how_far_the_torque_is_from_the_patch():
             crept = pivot_oracle.crept(GH, u, omega, 300, 0.5, patch)
             run = launched(n_i, push, 300, lever, rtol=1e-9)
             assert abs(crept.energy_error) < 1e-6
-            assert (crept.t_r is None) == (run.t_r is None)
-            if run.t_r is not None:
+            if run.t_r is None:
+                # No spin is held where nothing sticks: it creeps through zero.
+                assert run.at_end.t_held == pytest.approx(crept.t_r, rel=0.01)
+            else:
                 off.append(100 * abs(run.t_r / crept.t_r - 1))
             print(n_i, push, patch, crept, run.t_r, run.at_end.t_held)
-    assert len(off) >= 10
-    assert np.max(off) < 6
-    assert np.median(off) < 2
+    assert len(off) == 11
+    assert np.max(off) < 5.5
+    assert np.median(off) < 1.5

@@ -329,9 +329,9 @@ def test_a_column_to_refine_by_must_be_recorded(tmp_path):
 
 
 def test_errors_of_a_law_need_its_constants(tmp_path, monkeypatch):
-    monkeypatch.delitem(error_fit.LAW_FITS, "rolling")
+    monkeypatch.delitem(error_fit.MOTION_FITS, ("paraboloid", "rolling"))
     config = changed(CONFIG, model="full", dissipation={"rolling": 1e-3})
-    words = "record: errors are not calibrated for rolling"
+    words = "record: errors are not calibrated for paraboloid with rolling"
     refused_by_plan(config | {"record": ["error"]}, words, tmp_path)
 
 

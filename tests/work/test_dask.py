@@ -47,6 +47,7 @@ REFINED = SWEEP | {
     "spin": {"n_i": {"linspace": [-0.5, -0.1, 9]}, "omega_xy0": 0.01},
 }
 ENDLESS = SWEEP | {"horizon": {"t": 1e10}, "spin": {"n_i": -0.9, "omega_xy0": 1e-3}}
+RUBBED = SWEEP | {"dissipation": {"pivot": [1e-3, 5e-3]}}
 NEVER = 300  # seconds after which a test gives up waiting
 
 
@@ -163,10 +164,17 @@ def own_cluster(tmp_path, gate) -> Iterator[Cluster]:
         process.wait(NEVER)
 
 
-@pytest.mark.parametrize("name", ["quickstart", "refine"])
+@pytest.mark.parametrize(
+    "name",
+    ["quickstart", "refine", "pivot", pytest.param("both", marks=pytest.mark.slow)],
+)
 def test_rows_are_those_of_the_local_engine(name, cluster, tmp_path):
     config = REFINED
     sets = []
+    if name in ("pivot", "both"):
+        config = RUBBED
+    if name == "both":
+        config = RUBBED | {"dissipation": {"pivot": 5e-3, "mu": [0.1, 0.3]}}
     if name == "quickstart":
         config = CONFIGS / "quickstart.yaml"
         sets = ["bodies.samples=6", "bodies.target.rel_tol=0.1"]

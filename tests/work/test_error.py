@@ -315,16 +315,20 @@ def test_a_spin_released_from_rest_leaves_to_one_side(tol):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("losses", "samples", "tol"),
+    ("surface", "losses", "samples", "tol"),
     [
-        ({"pivot": [5e-4, 2e-3]}, 68, 1e-9),
-        ({"pivot": [5e-4, 2e-3]}, 68, 1e-6),
-        ({"mu": [0.1, 0.3, 1]}, 46, 1e-9),
+        ({}, {"pivot": [5e-4, 2e-3]}, 68, 1e-9),
+        ({}, {"pivot": [5e-4, 2e-3]}, 68, 1e-6),
+        ({}, {"mu": [0.1, 0.3, 1]}, 46, 1e-9),
+        ({"c": [1.0, 3.0]}, {"pivot": [5e-4, 2e-3]}, 68, 1e-9),
+        ({"c": [1.0, 3.0]}, {"pivot": [5e-4, 2e-3]}, 68, 1e-6),
     ],
 )
-def test_errors_of_a_thousand_runs_with_friction(losses, samples, tol):
+def test_errors_of_a_thousand_runs_with_friction(surface, losses, samples, tol):
     """Bodies of a seed that the calibration did not see."""
-    errors = true_and_estimated(friction_runs(losses, samples, 7), tol)
+    config = friction_runs(losses, samples, 7)
+    config["bodies"] |= surface
+    errors = true_and_estimated(config, tol)
     assert len(errors) > 1000
     assert (errors["off"] <= errors["told"]).mean() >= 0.995
     over = errors["told"] / errors["off"].clip(lower=1e-16)
@@ -409,11 +413,10 @@ def test_every_method_has_constants_and_another_one_is_refused():
 @pytest.mark.parametrize(
     ("surface", "losses", "message"),
     [
-        ({}, {"pivot": 1e-3, "rolling": 1e-3}, "rolling_pivoting"),
-        ({}, {"mu": 0.3, "rolling": 1e-3}, "mu with the law rolling"),
-        ({}, {"mu": 0.3, "pivot": 1e-3}, "mu with the law pivoting"),
-        ({"c": 1.0}, {"mu": 0.3}, "ellipsoid with mu or pivot"),
-        ({"c": 1.0}, {"pivot": 1e-3}, "ellipsoid with mu or pivot"),
+        ({}, {"pivot": 1e-3, "rolling": 1e-3}, "paraboloid with rolling_pivoting"),
+        ({}, {"mu": 0.3, "rolling": 1e-3}, "paraboloid with rolling and sliding"),
+        ({}, {"mu": 0.3, "pivot": 1e-3}, "paraboloid with pivoting and sliding"),
+        ({"c": 1.0}, {"mu": 0.3}, "ellipsoid with sliding"),
     ],
 )
 def test_friction_without_calibrated_errors_is_refused(surface, losses, message):

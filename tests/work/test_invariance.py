@@ -67,25 +67,52 @@ def test_blocks_and_threads_and_the_order_of_blocks(rows, threads, whole, tmp_pa
     check_equal(tmp_path, whole)
 
 
-def test_runs_that_slide(tmp_path):
-    config = changed(FULL, dissipation={"mu": [0.2, 0.4]}, record=["contact"])
+FRICTION = {
+    "mu": ({"mu": [0.2, 0.4]}, ["t_slide", "slide_work"]),
+    "pivot": ({"pivot": [2e-3, 1e-2]}, ["t_held", "held_time", "pivot_work"]),
+    "both": (
+        {"mu": [0.2, 0.4], "pivot": 1e-2},
+        ["t_slide", "slide_work", "t_held", "held_time", "pivot_work"],
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "name", ["mu", "pivot", pytest.param("both", marks=pytest.mark.slow)]
+)
+def test_runs_with_friction(name, tmp_path):
+    """They slide, or their spin is held, in each of them at other times."""
+    losses, columns = FRICTION[name]
+    config = changed(FULL, dissipation=losses, record=["contact"])
     sweep(tmp_path / "whole", config, threads=1)
     rows = open_stored(tmp_path / "whole").read().to_pandas()
-    assert rows.t_slide.notna().mean() > 0.5
+    assert rows[columns[0]].notna().mean() > 0.5
     for index in (1, 2, 0):
         shard = Shard(index, 3)
         threads = min(2, available_threads())
         engine = cut(7, dice=random.Random(2))
         sweep(tmp_path / "cut", config, shard=shard, threads=threads, engine=engine)
     check_equal(tmp_path / "cut", tmp_path / "whole")
-    sweep(tmp_path / "grown", changed(config, dissipation={"mu": [0.2]}))
-    sweep(tmp_path / "grown", config)
+    stops = 0
+    while stops < 100:
+        try:
+            sweep(tmp_path / "stopped", config, engine=cut(9, 3, random.Random(stops)))
+            break
+        except Stop:
+            stops += 1
+    assert stops > 2
+    check_equal(tmp_path / "stopped", tmp_path / "whole")
+    varied = next(iter(losses))
+    first_only = losses | {varied: losses[varied][:1]}
+    for samples, friction in ((5, first_only), (5, losses), (8, losses)):
+        part = changed(config, dissipation=friction, bodies={"samples": samples})
+        sweep(tmp_path / "grown", part)
     grown = open_stored(tmp_path / "grown").read().to_pandas()
-    order = ["mu", "n_i", "K_r", "sample"]
+    order = [varied, "n_i", "K_r", "sample"]
     assert len(grown) == 2 * RUNS
-    for name in ("t_r", "t_slide", "slide_work", "n_end", "energy_drift"):
-        first, second = (each.sort_values(order)[name] for each in (rows, grown))
-        assert np.array_equal(first, second, equal_nan=True), name
+    for column in ("t_r", "n_end", "energy_drift", "n_steps", *columns):
+        first, second = (each.sort_values(order)[column] for each in (rows, grown))
+        assert np.array_equal(first, second, equal_nan=True), column
 
 
 def test_in_memory(whole):

@@ -85,6 +85,25 @@ def test_what_is_done_is_kept(number, code, word, how, tiny_sweep, tmp_path):
     check_equal(tmp_path, expected)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("losses", ["pivot: [0.001, 0.005]", "pivot: 0.005, mu: 0.3"])
+def test_a_killed_sweep_with_friction_resumes_with_equal_rows(losses, tmp_path):
+    config = tiny(tmp_path)
+    text = config.read_text().replace("model: gh\n", "")
+    config.write_text(f"{text}dissipation: {{{losses}}}\n")
+    expected = tmp_path / "expected"
+    assert command("run", config, "--output", expected, "-q").code == 0
+    output = tmp_path / "out"
+    args = ("run", config, "--output", output, "-q")
+    child = Child(*args, hold=2)
+    wait_until(lambda: child.ended() or len(files_of(output)) == 2)
+    child.kill()
+    assert child.wait().code == -signal.SIGKILL
+    assert check_whole(output, expected) == 12
+    assert command(*args) == Ended(0, "", "")
+    check_equal(output, expected)
+
+
 def test_one_writer_a_shard(tiny_sweep, tmp_path):
     """A second writer is refused at once, and a lock ends with its process."""
     config, expected = tiny_sweep

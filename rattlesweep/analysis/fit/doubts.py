@@ -51,8 +51,8 @@ MEANINGLESS = "the values mean nothing"
 OUTLYING = 6.0
 MOST_PULLED = 3.0  # residuals of the others over the noise from row to row
 FEW = 0.05
-FEWEST_ROWS = 20  # in which a row can be far off
-MOST_NAMED = 10
+_FEWEST_ROWS = 20  # in which a row can be far off
+_MOST_NAMED = 10
 # Singular values of a Jacobian below this are errors of its finite differences.
 SINGULAR = 1e-6
 
@@ -276,7 +276,7 @@ def outliers_of(film: Film, residuals: Floats) -> Places:
     those of a worse valley are.  Residuals are in units of the film.
     """
     none = np.zeros(0, int)
-    if film.kind == "reversal" or len(residuals) < FEWEST_ROWS:
+    if film.kind == "reversal" or len(residuals) < _FEWEST_ROWS:
         return none
     # In a short film one row moves the first direction, and so all residuals.
     residuals = residuals - np.median(residuals)
@@ -301,8 +301,8 @@ def doubts_of_outliers(
     numbers = (np.flatnonzero(film.known)[places] + 1).tolist()
     worst = int(np.argmax(np.abs(residuals)))
     off = f"{abs(residuals[worst]) / size:.3g} {film.value_column.unit.name}"
-    listed = ", ".join(map(str, numbers[:MOST_NAMED]))
-    if len(numbers) > MOST_NAMED:
+    listed = ", ".join(map(str, numbers[:_MOST_NAMED]))
+    if len(numbers) > _MOST_NAMED:
         listed += ", ..."
     rows = f"row {listed} is"
     if len(numbers) > 1:

@@ -1,6 +1,6 @@
 """Tables as programs export them: Tracker's marks and angles, a phone's gyroscope.
 
-An export becomes the columns that a film is read from: ``t_s`` and one of ``angle_rad``
+An export becomes the columns that a film is read from: ``t_s`` and one of ``angle_deg``
 and ``gyro_rad_s``.  What it leaves open is a ConfigError that asks for it.
 
 Tracker writes a line with the names of the marks above the columns ``t``, ``x``, ``y``
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 # The angle of a mark; a system without Greek letters writes a question mark.
-ANGLE = re.compile(r"(?:[θϑΘ?]|theta)(?:_?\{?r\}?)?", re.IGNORECASE)
+_ANGLE = re.compile(r"(?:[θϑΘ?]|theta)(?:_?\{?r\}?)?", re.IGNORECASE)
 # A coordinate of a mark, with its number if there are several, and its unit.
-PLACE = re.compile(r"(pixel)?([xy])_?([12]?)(?:_(px|pixels?|mm|cm|m))?", re.IGNORECASE)
+_PLACE = re.compile(r"(pixel)?([xy])_?([12]?)(?:_(px|pixels?|mm|cm|m))?", re.IGNORECASE)
 PHONE_TIME = re.compile(r"(?:time|zeit|temps|tiempo|tempo|t) \((s|ms)\)", re.IGNORECASE)
 GYROSCOPE = re.compile(
     r"(?:gyro\w*|rotation rate|drehrate|angular velocity) ([xyz]) \((rad|deg|°)/s\)",
@@ -47,8 +47,8 @@ def from_export(
     names = [str(name).strip() for name in frame]
     if any(GYROSCOPE.fullmatch(name) for name in names):
         return _from_phone(place, frame, names)
-    marks = [match for name in names if (match := PLACE.fullmatch(name))]
-    angles = [row for row, name in enumerate(names) if ANGLE.fullmatch(name)]
+    marks = [match for name in names if (match := _PLACE.fullmatch(name))]
+    angles = [row for row, name in enumerate(names) if _ANGLE.fullmatch(name)]
     if "t" not in names and "t_s" not in names:
         return frame
     if not angles and not marks:
@@ -64,7 +64,7 @@ def from_export(
         angle = _angle_of_mark(place, frame, names, angles[0])
     else:
         angle = _angle_of_marks(place, frame, names, n_i)
-    return _table(place, frame, names, "angle_rad", angle)
+    return _table(place, frame, names, "angle_deg", np.degrees(angle))
 
 
 def _listed(names: list[str], rows: list[int]) -> str:
@@ -170,7 +170,7 @@ def _angle_of_marks(
     columns: dict[str, list[int]] = {"x": [], "y": []}
     in_pixels = False
     points_up = False
-    matches = [PLACE.fullmatch(name) for name in names]
+    matches = [_PLACE.fullmatch(name) for name in names]
     # Beside coordinates of Tracker's axes, those in the image say nothing new.
     has_axes = any(match is not None and match[1] is None for match in matches)
     for row, match in enumerate(matches):

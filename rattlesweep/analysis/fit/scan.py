@@ -29,7 +29,7 @@ MOST_AROUND = 20
 # Searches from the best runs, and from the best ones that are far apart, which tell of
 # other valleys; the latter are this share of the first spacing apart.
 SEARCHES = 8
-APART = 0.16
+_APART = 0.16
 _MOST_STEPS = 40  # of a search
 _SEED = 2017
 
@@ -66,7 +66,7 @@ def searches_of_times(problem: FitProblem, spans: dict[str, Span]) -> list[Searc
         spacing *= CLOSER
     searches = []
     best = _apart(pool, squares[:, -1], spacing, SEARCHES)
-    others = _apart(pool, squares[:, -1], APART * first_spacing, SEARCHES)
+    others = _apart(pool, squares[:, -1], _APART * first_spacing, SEARCHES)
     for row in dict.fromkeys([*best, *others]):
         x = _placed(problem, spans, pool[row])
         searches.append(minimise(problem, x, 1e-10, _MOST_STEPS))

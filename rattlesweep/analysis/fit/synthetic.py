@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rattlesweep.design.single import Launch
 
 FEWEST_FRAMES = 3
-MOST_FRAMES = 1_000_000
+_MOST_FRAMES = 1_000_000
 
 
 def synthetic_film(
@@ -42,10 +42,10 @@ def synthetic_film(
         if launch.omega is None and getattr(launch, name) is None:
             raise ConfigError(f"launch: {name} is missing; a film needs its value")
     length = _in_si("time", seconds, "time")
-    if not (fps > 0 and FEWEST_FRAMES <= length * fps <= MOST_FRAMES):
+    if not (fps > 0 and FEWEST_FRAMES <= length * fps <= _MOST_FRAMES):
         raise ConfigError(
             f"fps: {seconds} at {fps:g} frames a second are {length * fps:.3g} frames; "
-            f"from {FEWEST_FRAMES} to {MOST_FRAMES:,} are possible"
+            f"from {FEWEST_FRAMES} to {_MOST_FRAMES:,} are possible"
         )
     t = np.arange(0, length, 1 / fps)
     times = t / units.time

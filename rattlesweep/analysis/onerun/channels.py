@@ -60,7 +60,7 @@ class View:
 
     @cached_property
     def observed(self) -> Floats:
-        """Spin, energy minus work, normal and tangential force, shape (4, times)."""
+        """What the follower observes, shape (5, times): see `Follower.observe`."""
         return self.follower.observe(self.samples)
 
     @property
@@ -313,6 +313,13 @@ def _channels() -> Iterator[Channel]:
         lambda view: view.held.astype(float),
     )
     yield Channel(
+        "pivot_torque",
+        ENERGY,
+        "torque of pivoting friction along the vertical",
+        _FULL,
+        lambda view: view.observed[4],
+    )
+    yield Channel(
         "v_slip",
         SPEED,
         "speed of the contact point on the plane",
@@ -399,6 +406,6 @@ def channels_in_si(
         if channel.unit not in sizes or not math.isfinite(sizes[channel.unit][0]):
             continue
         size, unit = si_of(channel.name, channel.unit, units)
-        name = f"{channel.name}_{unit.replace('/', '_')}"
+        name = f"{channel.name}_{unit.replace('/', '_').replace(' ', '_')}"
         in_si[channel.name] = replace(channel, name=name, unit=unit, size=size)
     return in_si

@@ -22,7 +22,7 @@ _PER_PERIOD = 24
 _LEAST = 2001
 _MOST = 400_001
 PALE = "#e4e2dc"  # of the times at which the body slides
-MARKS = 12  # turns to mark; if there are more, only the first is marked
+_MARKS = 12  # turns to mark; if there are more, only the first is marked
 _MODELS = {"full": "full dynamics", "reduced": "reduced model"}
 _BESIDE = {
     "n_gh": ("Garcia and Hubbard", INK, "--"),
@@ -148,7 +148,7 @@ def draw(
         beside = [name for name in _BESIDE if name in data]
     panels = [name for name in data if name != "t" and name not in beside]
     turns = [time * second for time in course.reversals if time * second >= t[0]]
-    marked = turns[:1] if len(turns) > MARKS else turns
+    marked = turns[:1] if len(turns) > _MARKS else turns
     slides = [
         (begin * second, (end - begin) * second)
         for begin, end in course.slides

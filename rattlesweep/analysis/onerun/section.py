@@ -48,6 +48,8 @@ _KINDS = {unit: kind for kind, unit in NATURAL.items()} | {RATE: "spin"}
 NO_SECTIONS = {
     "t": "it only grows; choose rows by times instead",
     "sliding": "it jumps; the begin and end of slides are known without one",
+    "held": "it jumps; the spin n is 0 where it is held",
+    "pivot_torque": "it jumps where the spin passes zero; choose n",
     "energy_drift": "it is an error of the method",
     "n_reduced": "it belongs to the reduced model; take that model, and n",
 }

@@ -507,8 +507,8 @@ class Modes:
     energy: Callable[..., float]
     work: Callable[..., float]
     # observe(model, y, slip, constants, mu): energy minus work, normal and tangential
-    # force
-    observe: Callable[..., tuple[float, float, float]]
+    # force, torque of friction along the vertical
+    observe: Callable[..., tuple[float, float, float, float]]
     store: Callable[..., None]
     results: tuple[str, ...]  # names of the fields that `store` writes
 

@@ -129,9 +129,9 @@ def work(lane):
 
 @njit(fastmath=FASTMATH, **INNER)
 def observe(model, y, slip, constants, mu):
-    """Return the energy minus the work, and the normal and tangential force."""
+    """Return what `Modes.observe` does."""
     normal, tangential = model.contact(y, constants)
-    return model.energy(y, constants), normal, tangential
+    return model.energy(y, constants), normal, tangential, 0.0
 
 
 # How modes combine.
@@ -195,7 +195,8 @@ def modes_of(model: Model, rimmed: bool) -> Modes:
         further = (slides.SLIDING_MODE,)
     modes = (rolling, *further)
     if model.pivot is not None:
-        modes = (*pivots.modes(rolling), *further)
+        pivoting = pivots.modes(rolling, may_slide=bool(further))
+        modes = (*pivoting, *further)
     observed = [mode.observe_limit for mode in modes]
     combined = Modes(
         limit=of_mode(modes, "limit"),
@@ -223,6 +224,10 @@ def modes_of(model: Model, rimmed: bool) -> Modes:
             observe=slides.observe_body,
         )
     if model.pivot is not None:
-        prepare_pivots = pivots.preparing(combined.prepare)
-        combined = replace(combined, prepare=prepare_pivots, settle=pivots.settle)
+        combined = replace(
+            combined,
+            prepare=pivots.preparing(combined.prepare),
+            settle=pivots.settle,
+            observe=pivots.observing(combined.observe),
+        )
     return combined

@@ -12,6 +12,7 @@ from which it does.
 # mypy: ignore-errors
 from collections.abc import Callable
 from math import nan
+from typing import Any
 
 from numba import njit
 
@@ -32,6 +33,7 @@ from rattlesweep.integrate.lanes.lane import (
 )
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH, scalar
+from rattlesweep.physics.pivoting import LEAST_SPEED, spin_of_share
 
 OK = int(Status.OK)
 AT_LIMIT = int(Status.LIMIT)
@@ -160,6 +162,28 @@ def release(lane, t):
     lane.rate_max = max(lane.rate_max, lane.rate_held)
 
 
+@njit(fastmath=FASTMATH, **INNER)
+def begin_to_turn(lane):
+    """Let a spin that is held turn just so that the foot slides with the same torque.
+
+    A foot that begins to slide turns, as the torque of a sliding patch depends on the
+    ratio of spin and speed.  As the speed grows from zero, so does the spin, and the
+    torque stays the one that held it.
+    """
+    model = lane.problem.model
+    torque, normal = model.pivot(lane.y1, lane.constants)
+    lever = lever_of(lane)
+    share = -torque / (lever * normal + TINY)
+    spin = spin_of_share(share, lever + TINY, lane.mu * LEAST_SPEED)
+    _, u, _, _, _, _, _, _ = model.slide.place(lane.y1, 0.0, lane.constants)
+    lane.y1 = model.slide.turned(lane.y1, u, spin - model.spin(lane.y1))
+
+
+@njit(**INNER)
+def leave_as_it_is(lane):
+    """Do nothing: the foot cannot slide."""
+
+
 @njit(**INNER)
 def settle(lane, y, t):
     """Let the torque act from the state ``y`` on, in which the body rolls."""
@@ -221,11 +245,25 @@ def preparing(base_prepare: Callable[..., None]) -> Callable[..., None]:
     return prepare
 
 
-def modes(rolling: Mode) -> tuple[Mode, Mode]:
+def observing(base_observe: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `Modes.observe` of a model with the torque, from that without it."""
+
+    @njit(fastmath=FASTMATH, **INNER)
+    def observe(model, y, slip, constants, mu):
+        energy, normal, tangential, torque = base_observe(model, y, slip, constants, mu)
+        if slip.speed == 0.0:
+            torque, _ = model.pivot(y, constants)
+        return energy, normal, tangential, torque
+
+    return observe
+
+
+def modes(rolling: Mode, *, may_slide: bool) -> tuple[Mode, Mode]:
     """Return the modes of a body with the torque that rolls: PIVOTING and HELD.
 
     ``rolling`` is the mode of the body without it.
     """
+    free_spin = begin_to_turn if may_slide else leave_as_it_is
     rolling_limit = rolling.limit
     change_rolling = rolling.change
 
@@ -247,6 +285,8 @@ def modes(rolling: Mode) -> tuple[Mode, Mode]:
             is_at_zero = distance_from_zero(lane) <= abs(other.value)
         if not is_at_zero:
             was_held = lane.mode == HELD
+            if was_held and status == AT_LIMIT:
+                free_spin(lane)
             status, move = change_rolling(lane, status, move, recording)
             if was_held and lane.mode != HELD:
                 release(lane, t)

@@ -55,6 +55,7 @@ from rattlesweep.physics.sliding import (
     slip_energy,
     spun,
 )
+from rattlesweep.physics.stone import dot
 
 OK = int(Status.OK)
 AT_LIMIT = int(Status.LIMIT)
@@ -676,10 +677,14 @@ def energy_of(model, y, slip, constants):
 
 @njit(fastmath=FASTMATH, **INNER)
 def force_of(model, y, slip, constants, mu):
-    """Return the normal and the tangential force on a body that slides."""
-    contact, _, _ = contact_of(model, y, slip, mu, constants)
+    """Return the forces on a body that slides, and the torque along the vertical.
+
+    The forces are the normal and the tangential one.
+    """
+    contact, _, placed = contact_of(model, y, slip, mu, constants)
+    _, u, _, _, _, _, _, drag = placed
     normal, _, _, _, _ = push(contact, mu, slip.angle)
-    return normal, mu * normal
+    return normal, mu * normal, normal * dot(drag, u)
 
 
 @njit(**INNER)
@@ -708,12 +713,13 @@ def store(lane, t, result):
 
 @njit(fastmath=FASTMATH, **INNER)
 def observe_body(model, y, slip, constants, mu):
-    """Return the energy minus the work, and the normal and tangential force."""
+    """Return what `Modes.observe` does."""
+    torque = 0.0
     if slip.speed > 0.0:
-        normal, tangential = force_of(model, y, slip, constants, mu)
+        normal, tangential, torque = force_of(model, y, slip, constants, mu)
     else:
         normal, tangential = model.contact(y, constants)
-    return energy_of(model, y, slip, constants), normal, tangential
+    return energy_of(model, y, slip, constants), normal, tangential, torque
 
 
 ROLLING_MODE = Mode(ROLLING, hold_point, change_rolling)
