@@ -33,8 +33,20 @@ SIZES = {
     "mass": (0.06, 1e-3),
     "skew": (math.radians(3), math.radians(0.2)),
 }
+UNITS = {"mass": "kg", "skew": "rad"}
+
+
+def stone_of(sizes: dict[str, float]) -> rs.Rattleback:
+    """Return the stone of some sizes in SI units."""
+    texts = {
+        name: f"{float(value)!r} {UNITS.get(name, 'm')}"
+        for name, value in sizes.items()
+    }
+    return rs.Rattleback.half_ellipsoid(**texts)
+
+
 RULER = {name: value for name, (value, _) in SIZES.items()}
-STONE = rs.Rattleback.half_ellipsoid(**RULER)
+STONE = stone_of(RULER)
 NOISE = {"angle_deg": 0.5, "n_rpm": 3.0}
 MISSING = 0.05
 
@@ -54,8 +66,9 @@ def measured(
     t = np.arange(0, seconds, 1 / rate)
     times = t / stone.units.time
     names = ["q0", "q1", "q2", "q3", "n"]
+    # The truth is in units of the body.
     run = rs.trajectory(
-        stone, **truth, t_end=times[-1], times=times, channels=names
+        stone.replace(units=None), **truth, t_end=times[-1], times=times, channels=names
     ).table
     w, x, y, z, value = run[names].to_numpy().T
     if column == "angle_deg":
@@ -127,16 +140,15 @@ def main() -> None:
         truth = drawn(generator)
         stone = STONE
         if options.ruler:
-            stone = rs.Rattleback.half_ellipsoid(**drawn_sizes(generator))
+            stone = stone_of(drawn_sizes(generator))
             truth["rolling"] = 0.0
         free = [name for name, value in truth.items() if value > 0]
         table = measured(stone, truth, options.column, 4.0, 240.0, generator)
         body: Any = STONE
         if options.ruler == "errors":
-            units = {"mass": "kg", "skew": "rad"}
             body = {"shape": "half_ellipsoid"}
             for name, (value, error) in SIZES.items():
-                body[name] = f"{value} +- {error} {units.get(name, 'm')}"
+                body[name] = f"{value} +- {error} {UNITS.get(name, 'm')}"
         begin = time.perf_counter()
         fit = rs.fit(body, table, free=free)
         seconds = time.perf_counter() - begin

@@ -41,8 +41,8 @@ with its line. `--set bodies.samples=100` overrides a key. A `--set` without a v
 `M`, `a` and `g` are 1: times are in `sqrt(a/g)`, spins and rates in
 `sqrt(g/a)`. "Or several" means one number, a list, `{linspace: [low, high, n]}` or `{logspace: [low, high, n]}` with both ends.
 The values of a range are the decimals that are meant: -0.1 to -0.5 in 5 steps has -0.3, and -0.9 to 0.9 in 7 steps has 0. A list keeps its numbers as they are written.
-If the bodies have a size (`source: shape`, the preset KL, a table with `height_m`), spins, times and dissipation may have units, as in
-`n_i: 60 rpm`, `t: 20 s` or `sigma: 1e-5 N m s`. If the sizes differ between bodies, a key with a unit takes one value.
+If the bodies have a size (`source: shape` or `mesh`, the preset KL, a table with `height_m`), spins, times and dissipation need a unit, as in
+`n_i: 60 rpm`, `t: 20 s` or `sigma: 1e-5 N m s`. The units of the body are written out, as in `n_i: 0.2 sqrt(g/a)`. Zero needs no unit. Bodies without a size take plain numbers. If the sizes differ between bodies, a key with a unit takes one value.
 
 ```yaml
 name: steady-kr-quick

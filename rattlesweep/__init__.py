@@ -27,6 +27,7 @@ __all__ = [
     "Run",
     "Sweep",
     "Trajectory",
+    "Verdict",
     "__version__",
     "bondi_threshold",
     "contact_patch",
@@ -44,6 +45,7 @@ __all__ = [
     "simulate",
     "sweep",
     "trajectory",
+    "verdict",
     "versions",
     "wilson",
 ]

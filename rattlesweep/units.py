@@ -28,6 +28,16 @@ KINDS = {
     "modulus": ("Pa", "3.5 GPa"),
 }
 
+NATURAL = {
+    "spin": "sqrt(g/a)",
+    "time": "sqrt(a/g)",
+    "length": "a",
+    "energy": "M g a",
+    "moment of inertia": "M a^2",
+    "torque per spin": "M a^2 sqrt(g/a)",
+}
+"""Units of the body that kinds of quantities are measured in."""
+
 # Other spellings of the SI unit of a kind: pint counts the radian.
 ALSO = {"torque per spin": "N m s/rad"}
 # The units that a body or a launch is measured in, by pint's names; prefixes and
@@ -50,7 +60,11 @@ _SECONDS = {"d": 86400.0, "h": 3600.0, "m": 60.0, "min": 60.0, "s": 1.0}
 _SPAN = r"(\d+(?:\.\d+)?)\s*(d|h|min|m|s)"
 
 
-class Quantity(float):
+class InSI(float):
+    """A number whose unit is known to be the SI unit of its kind."""
+
+
+class Quantity(InSI):
     """A number in SI units that keeps the text it was read from, such as ``60 rpm``."""
 
     text: str
@@ -64,6 +78,44 @@ class Quantity(float):
 
     def __reduce__(self) -> tuple[type[Quantity], tuple[str, str]]:
         return Quantity, (self.text, self.kind)
+
+
+class Natural(float):
+    """A number in units of the body that was written with them, as ``0.1 sqrt(g/a)``.
+
+    The text is kept.
+    """
+
+    text: str
+
+    def __new__(cls, number: float, text: str) -> Natural:  # noqa: D102
+        self = super().__new__(cls, number)
+        self.text = " ".join(text.split())
+        return self
+
+    def __reduce__(self) -> tuple[type[Natural], tuple[float, str]]:
+        return Natural, (float(self), self.text)
+
+
+def natural_number(text: str, kind: str) -> Natural | None:
+    """Return the number of a text such as ``0.1 sqrt(g/a)``, None if its unit differs.
+
+    Raises a ValueError if the text ends in the unit of another kind of the body.
+    """
+    number, unit = split(text)
+    if number is None:
+        return None
+    spelled = unit.replace(" ", "")
+    for other, name in NATURAL.items():
+        if spelled == name.replace(" ", "") and other != kind:
+            example = KINDS[kind][1]
+            raise ValueError(
+                f"is {with_article(other)}; {with_article(kind)} is needed, such as "
+                f"{example}"
+            )
+        if spelled == name.replace(" ", ""):
+            return Natural(number, text)
+    return None
 
 
 class Setting(NamedTuple):
@@ -94,11 +146,11 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
         raise ValueError(
             f"has {len(values)} numbers, not {' or '.join(map(str, counts))}"
         )
-    found = []
+    found: list[float] = []
     for value, unit in zip(values, units, strict=True):
         size, base = _base(unit or units[-1], needed)
         _require_kind(base, kind, needed)
-        found.append(value * size)
+        found.append(InSI(value * size))
     return found
 
 
@@ -219,19 +271,45 @@ def seconds_of(text: str) -> float:
     return seconds
 
 
-def require_unit(name: str, value: object, kind: str) -> None:
-    """Raise a ConfigError if a value is a number without a unit, or has such numbers.
+def require_unit(name: str, value: object, kind: str, of_size: bool = False) -> None:
+    """Raise a ConfigError if a value of a body with a size is a number without a unit.
 
-    Zero is the same in all units.
+    A person who writes ``n_i: 60`` may mean rpm.  This is the rule of all doors:
+    configs, stone files, the command line and Python.  Zero is the same in all units.
+
+    Parameters
+    ----------
+    name : str
+        How the message names the value.
+    value : object
+        A number, a text, or a list or an array of these.
+    kind : str
+        A key of `KINDS`.
+    of_size : bool
+        Whether it is a size of the body itself, which has no other unit than those of
+        SI.
     """
+    if isinstance(value, InSI | Natural):
+        return
+    if hasattr(value, "tolist") and not is_measured(value):
+        value = value.tolist()
     if isinstance(value, list | tuple):
         for item in value:
-            require_unit(name, item, kind)
+            require_unit(name, item, kind, of_size)
     elif isinstance(value, Real) and value != 0:
-        raise ConfigError(
-            f"{name}: {value:g} has no unit, and the body has a size; give "
-            f"{with_article(kind)} with its unit, such as {KINDS[kind][1]}"
-        )
+        wrong = without_unit(float(value), kind, of_size)
+        raise ConfigError(f"{name}: {value:g} {wrong}")
+
+
+def without_unit(value: float, kind: str, of_size: bool = False) -> str:
+    """Return what is wrong with a number without a unit, and what would be right."""
+    sentence = (
+        f"has no unit, and the body has a size; give {with_article(kind)} with its "
+        f"unit, such as {KINDS[kind][1]}"
+    )
+    if kind in NATURAL and not of_size:
+        sentence += f", or in units of the body, as in '{value:g} {NATURAL[kind]}'"
+    return sentence
 
 
 def with_article(noun: str) -> str:

@@ -27,6 +27,7 @@ from rattlesweep.api.fits import fit
 from rattlesweep.api.single import Run, simulate
 from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.api.trajectories import Page, Trajectory, replay, show, trajectory
+from rattlesweep.api.verdicts import Verdict, verdict
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.intervals import wilson
@@ -50,6 +51,7 @@ __all__ = [
     "Run",
     "Sweep",
     "Trajectory",
+    "Verdict",
     "bondi_threshold",
     "contact_patch",
     "draw_bodies",
@@ -66,6 +68,7 @@ __all__ = [
     "simulate",
     "sweep",
     "trajectory",
+    "verdict",
     "versions",
     "wilson",
 ]

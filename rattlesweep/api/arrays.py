@@ -12,9 +12,15 @@ import numpy as np
 from rattlesweep.arrays import EXACT_WHOLE, Floats, refuse_foreign_units, unmasked
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
-from rattlesweep.physics.si import GRAVITY, Units
+from rattlesweep.physics.si import GRAVITY, Units, check_spins
 from rattlesweep.quantities import LOSSES, QUANTITIES
-from rattlesweep.units import in_si, is_measured, quantity, require_unit
+from rattlesweep.units import (
+    in_si,
+    is_measured,
+    natural_number,
+    quantity,
+    require_unit,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -134,6 +140,8 @@ def numbers(name: str, value: object, units: Units | None = None) -> Floats:
 
     array = _floats(name, value, units)
     broken = check_value("psi_deg" if name == "psi" else name, array.ravel())
+    if units is not None and _KINDS.get(name) == "spin":
+        check_spins(name, array, units)
     infinite = ~np.isfinite(array)
     if infinite.any():
         broken = int(np.argmax(infinite)), "it must be finite"
@@ -149,6 +157,9 @@ def _floats(name: str, value: object, units: Units | None) -> Floats:
     """Return numbers, texts with units and quantities of Pint as an array in the units
     of the bodies.
     """
+    kind = _KINDS.get(name, "")
+    # A full state has no form with units in configs.
+    needs_unit = units is not None and kind and name != "omega"
     if is_measured(value):
         in_si_units = _in_si(name, value)
         is_in_si = np.ones(np.shape(in_si_units), bool)
@@ -156,6 +167,8 @@ def _floats(name: str, value: object, units: Units | None) -> Floats:
     else:
         refuse_foreign_units(name, value)
         value = unmasked(name, value)
+        if needs_unit:
+            require_unit(name, value, kind)
         if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
             return value.astype(float)
         # Any other type of array would turn the numbers beside a text into texts.
@@ -163,11 +176,11 @@ def _floats(name: str, value: object, units: Units | None) -> Floats:
         flat = mixed.ravel().tolist()
         array = np.array([_number(name, value, entry) for entry in flat], float)
         array = array.reshape(mixed.shape)
-        have_units = [isinstance(each, str) or is_measured(each) for each in flat]
+        have_units = [_is_in_si(each, kind) for each in flat]
         is_in_si = np.array(have_units, bool).reshape(mixed.shape)
     if name == "psi":
         return np.where(is_in_si, np.degrees(array), array)
-    if not _KINDS.get(name) or not is_in_si.any():
+    if not kind or not is_in_si.any():
         return array
     if units is None:
         raise ConfigError(
@@ -175,8 +188,15 @@ def _floats(name: str, value: object, units: Units | None) -> Floats:
             "give a number, or a body with a size (KL, from_si, half_ellipsoid, "
             "--mass and --height)"
         )
-    natural = units.natural(array, _KINDS[name])
+    natural = units.natural(array, kind)
     return np.where(is_in_si, natural, array)
+
+
+def _is_in_si(entry: object, kind: str) -> bool:
+    """Return whether an entry of an argument is read as one in SI units."""
+    if isinstance(entry, str):
+        return natural_number(entry, kind) is None
+    return is_measured(entry)
 
 
 def _in_si(name: str, value: Any) -> Any:
@@ -197,6 +217,9 @@ def _number(name: str, value: object, entry: Any) -> float:
         if isinstance(entry, np.ma.MaskedArray):
             entry = unmasked(name, entry)
         if isinstance(entry, str):
+            natural = natural_number(entry, _KINDS[name])
+            if natural is not None:
+                return natural
             return quantity(entry, _KINDS[name])
         return float(entry)
     except (KeyError, TypeError, OverflowError):
@@ -215,8 +238,7 @@ def require_units(
 ) -> None:
     """Refuse numbers without a unit, which a command or a file gives for a sized body.
 
-    A person who writes ``n_i: 60`` may mean rpm.  The numbers of Python calls are in
-    units of the body, as their documentation says.
+    The same rule holds for :func:`numbers`; here messages spell the names.
     """
     if units is None:
         return

@@ -14,6 +14,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics import si
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.materials import MATERIALS, Material
+from rattlesweep.units import require_unit
 
 if TYPE_CHECKING:
     # A name, or E and nu.
@@ -50,11 +51,11 @@ def contact_patch(
         ``E`` in Pa.
     mu : float
         Coefficient of friction.
-    n_i : float or str
-        Vertical spin whose end is told, in ``sqrt(g/a)`` or with a unit.
-    facet : float or str, optional
-        Width of the flat facets of a printed bottom, in m or with a unit, with which a
-        remark compares the patch.
+    n_i : str
+        Vertical spin whose end is told.
+    facet : str, optional
+        Width of the flat facets of a printed bottom, with which a remark compares the
+        patch.
 
     Raises
     ------
@@ -77,6 +78,7 @@ def contact_patch(
     spin = one_number("n_i", n_i, stone.units)
     if friction is None or spin is None:
         raise ConfigError("mu and n_i: None is given; each must be a number")
+    require_unit("facet", facet, "length", of_size=True)
     try:
         width = None
         if facet is not None:

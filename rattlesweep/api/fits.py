@@ -56,7 +56,7 @@ def fit(
     body : Rattleback, str or mapping
         What is known of the body; with a size if the data are in seconds.  A mapping
         has the keys of a stone file, such as ``{"shape": "half_ellipsoid", "length":
-        "12 +- 0.02 cm", ...}``, and numbers in SI units.
+        "12 +- 0.02 cm", ...}``.
     data : path, DataFrame or mapping of columns, or a list of these
         ``t_s`` (or ``t_ms``) and ``angle_deg``, ``spin_rpm``, ``n_rpm`` or
         ``gyro_rad_s`` (about the stone's own upward axis), an export of Tracker or

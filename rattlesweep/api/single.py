@@ -82,8 +82,8 @@ def simulate(
     """Integrate bodies from their launches to their first reversals or to ``t_end``.
 
     Arrays are broadcast by NumPy's rules.  If the size of the bodies is known, spins,
-    times and losses may be texts with a unit: ``"60 rpm"``, ``"20 s"``, ``"1e-5 N m
-    s"``.
+    times and losses need a unit: ``"60 rpm"``, ``"20 s"``, ``"1e-5 N m s"``, or ``"0.2
+    sqrt(g/a)"``.  Numbers are for bodies without a size, and for columns of tables.
 
     Returns a ``Run``, or a DataFrame if any argument is an array: one row per run, in C
     order of ``attrs["shape"]``, with the columns of a sweep's ``runs`` except ``case``

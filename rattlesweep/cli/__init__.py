@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import click
 from click import option
 
-from rattlesweep.cli import bodies, courses, exports, fits, sweeps
+from rattlesweep.cli import bodies, courses, exports, fits, sweeps, verdict
 from rattlesweep.cli.options import (
     COMMANDS,
     DONE,
@@ -28,7 +28,7 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import SettingError
 from rattlesweep.shipped import address
 
-__all__ = ["bodies", "courses", "exports", "fits", "main", "sweeps"]
+__all__ = ["bodies", "courses", "exports", "fits", "main", "sweeps", "verdict"]
 
 PAGES = [
     ("tutorial", "from installation to a map"),

@@ -78,7 +78,7 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
     values = derived(described, **numbers)
     friction = {quantity.name: quantity.value for quantity in values}["friction"]
     # Sliding friction changes none of these quantities.
-    mu = launch.get("mu", COMMON_FRICTION)
+    mu = numbers.get("mu", COMMON_FRICTION)
     if friction is not None and friction > mu:
         say(f"warning: {SLIPS_AT_REVERSAL.format(friction)}")
     if figure is not None:

@@ -210,7 +210,7 @@ def _follow(
 
     rows = rows_of(run.units, **given)
     if section is not None:
-        rows["section"] = Section.parse(section, run.model, run.units, needs_unit=True)
+        rows["section"] = Section.parse(section, run.model, run.units)
     if section is not None or output is not None or figure is None:
         course = Course(run, channels, **rows)
         if section is not None and figure is not None:

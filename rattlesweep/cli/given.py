@@ -47,10 +47,9 @@ def body_of(given: Given) -> Rattleback:
         raise ConfigError(
             "--c has a unit, but the body has no size; give a number in a"
         )
-    # The types of the options have refused numbers without a unit, and read the others.
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always", ConfigWarning)
-        described = body_from(values, flag_of_body, in_si=True)
+        described = body_from(values, flag_of_body)
     for doubt in doubts:
         say(f"warning: {doubt.message}")
     return described
@@ -128,7 +127,7 @@ def read_stone(path: Path) -> dict[str, Any]:
     losses = vars(stone.dissipation)
     section = "body"
     try:
-        body = measured_body(stone.body, in_si=False)
+        body = measured_body(stone.body)
         section = "launch"
         require_units(separate(stone.launch)[0], body.body.units)
         section = "dissipation"

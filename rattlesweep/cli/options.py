@@ -28,7 +28,14 @@ from rattlesweep.names import (
 from rattlesweep.quantities import LOSSES, QUANTITIES
 from rattlesweep.shipped import linked
 from rattlesweep.text import Bar, counted
-from rattlesweep.units import KINDS, Quantity, quantities, quantity, seconds_of
+from rattlesweep.units import (
+    KINDS,
+    Quantity,
+    natural_number,
+    quantities,
+    quantity,
+    seconds_of,
+)
 
 # A command returns its exit code, or None for success.
 Function: TypeAlias = Callable[..., int | None]
@@ -220,7 +227,8 @@ def _measured(kind: str, text: str) -> float | str:
     """Read a number, or check a quantity in SI units, which stays a text."""
     with suppress(ValueError):
         return float(text)
-    quantity(text, kind)
+    if natural_number(text, kind) is None:
+        quantity(text, kind)
     return text
 
 
@@ -293,6 +301,16 @@ def si_quantity(kind: str) -> Kind:
     return Kind(kind, partial(Quantity, kind=kind))
 
 
+def with_unit(kind: str) -> Kind:
+    """Return the type of a quantity that needs a unit, and stays a text."""
+
+    def read(text: str) -> str:
+        quantity(text, kind)
+        return text
+
+    return Kind(kind, read)
+
+
 def several(metavar: str, kind: str, *counts: int) -> Kind:
     """Return the type of quantities with one unit, as in ``2,16,17 kg cm^2``."""
     return Kind(metavar, lambda text: quantities(text, kind, *counts))
@@ -316,6 +334,8 @@ _LENGTH_VALUE = measured("length")
 ENERGY_VALUE = measured("energy")
 MASS = si_quantity("mass")
 HEIGHT = si_quantity("length")
+TURNS_A_TIME = with_unit("spin")
+SECONDS = with_unit("time")
 ANGLE = si_quantity("angle")
 POCKET_SIZE = several("diameter,depth", "length", 2)
 PRESET_CHOICE = Choice(PRESET_NAMES)
@@ -533,7 +553,8 @@ dissipation = group(
         for name, loss in LOSSES.items()
     )
 )
-SPIN_DEFAULTS = {"n_i": 0.1, "omega_xy0": 0.01}
+# In units of the body, whether or not it has a size.
+SPIN_DEFAULTS = {"n_i": "0.1 sqrt(g/a)", "omega_xy0": "0.01 sqrt(g/a)"}
 spin_options = group(
     named("n_i", SPIN_VALUE, "  [default: 0.1]"),
     named("omega_xy0", SPIN_VALUE, "  [default: 0.01]"),

@@ -18,7 +18,11 @@ from rattlesweep.design.bodies.sources import make_source
 from rattlesweep.design.bodies.table import TableBodies, check_value
 from rattlesweep.design.cases import MAX_RUNS, Case, Design
 from rattlesweep.design.columns import STATE_FIELDS, runs_schema
-from rattlesweep.design.config.clashes import SETTING_KEYS, clashes
+from rattlesweep.design.config.clashes import (
+    SETTING_KEYS,
+    clashes,
+    numbers_without_unit,
+)
 from rattlesweep.design.config.schema import Config, MeshSource, SdSource, TableSource
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.si import Units
@@ -57,6 +61,11 @@ def make_plan(
     source = make_source(config, base, rows)
     table: Mapping[str, Floats] = {}
     if isinstance(source, TableBodies):
+        is_file = isinstance(config.bodies, TableSource) and config.bodies.path
+        if source.units is not None and is_file:
+            problems = [f"{key}: {text}" for key, text in numbers_without_unit(config)]
+            if problems:
+                raise ConfigError(problems)
         table = source.columns
         config = _with_losses(config, source.losses)
     runs_schema(config.parts, config.model)  # refuses what the model cannot record
@@ -167,8 +176,11 @@ def _natural(config: Config, source: Source) -> _Values:
         converted = [_convert(name, value, units) for value in values]
         if any(value.si is not None and value.natural is None for value in converted):
             if any(value.si is None for value in values):
-                differ = "the sizes of the bodies differ, and some values have no unit"
-                advice = "give all of them with units, or none"
+                differ = (
+                    "the sizes of the bodies differ, and some values are in units of "
+                    "the bodies"
+                )
+                advice = "give all of them in SI units, or none"
                 raise ConfigError(f"{SETTING_KEYS[name]}: {differ}; {advice}")
             converted = values
         natural[name] = converted

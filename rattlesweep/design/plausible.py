@@ -15,8 +15,9 @@ from rattlesweep.design.launches import prepare
 from rattlesweep.design.plan import Plan
 from rattlesweep.design.prepared import Bodies, Launches
 from rattlesweep.errors import ConfigError
-from rattlesweep.physics import theory
+from rattlesweep.physics import si, theory
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.physics.si import check_spins
 from rattlesweep.quantities import CONSTANT_OF_SURFACE
 from rattlesweep.tails import LEAST_INDEX, tail_index
 
@@ -43,6 +44,7 @@ def check_physics(plan: Plan) -> list[str]:
         case, sample = np.divmod(numbers, plan.samples)
         launches = prepare(plan, case, sample)
         warnings = [*_doubts(config, launches, which), *_near_taps(config, launches)]
+        warnings += _doubts_of_sizes(launches)
         return [config.located(warning) for warning in warnings]
 
 
@@ -104,6 +106,17 @@ def _near_taps(config: Config, launches: Launches) -> Iterator[str]:
         question = near_tap(launches.n_i)
         if question is not None:
             yield f"{key}: {question}"
+
+
+def _doubts_of_sizes(launches: Launches) -> Iterator[str]:
+    """Yield warnings about bodies with a size; raise for spins that no hand gives."""
+    bodies = launches.bodies
+    if bodies.units is None:
+        return
+    for name, rates in (("n_i", launches.n_i), ("omega_xy0", launches.omega_xy0)):
+        check_spins(f"spin.{name}", rates, bodies.units)
+    for doubt in si.doubts(bodies.units, bodies.gamma, bodies.xi):
+        yield f"bodies: {doubt}"
 
 
 def near_tap(n_i: Floats) -> str | None:

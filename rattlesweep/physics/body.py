@@ -22,6 +22,7 @@ from rattlesweep.physics.mesh.reading import read_standing
 from rattlesweep.physics.mesh.standing import Standing
 from rattlesweep.physics.si import Units
 from rattlesweep.quantities import MAX_INERTIA
+from rattlesweep.units import InSI, require_unit
 
 T = TypeVar("T", float, Floats)
 PARAMETERS = ("alpha", "beta", "gamma", "theta", "phi", "xi")
@@ -231,7 +232,10 @@ class Rattleback:
             semi_axis = si.number(c, "length", "c") / a
         units = Units(m, a, si.size(gravity, "acceleration", "gravity"))
         values = {name: float(value) for name, value in body.items()}
-        return cls(**values, c=semi_axis, units=units, pose=None)
+        made = cls(**values, c=semi_axis, units=units, pose=None)
+        for doubt in si.doubts(units, values["gamma"], values["xi"]):
+            warnings.warn(doubt, ConfigWarning, stacklevel=2)
+        return made
 
     @classmethod
     def half_ellipsoid(
@@ -250,26 +254,26 @@ class Rattleback:
         """Return a half ellipsoid of uniform density, solid or hollow, flat side up.
 
         A run ends with the status ``rim`` where it rolls past the edge of that side.
-        Every quantity may be a number in SI units or a text such as ``"12 cm"``.
+        A quantity is a text such as ``"12 cm"``, or one of Pint; a number needs a unit.
 
         Parameters
         ----------
-        length, width, height : float or str
-            Axes of the flat side, and its height above the lowest point, in m.
-        mass, gravity : float or str
-            Mass in kg without the weights, and gravity in m/s^2.
+        length, width, height : str
+            Axes of the flat side, and its height above the lowest point.
+        mass, gravity : str
+            Mass without the weights, and gravity.
         skew : float or str
-            Angle in radians by which the axes of inertia are turned against those of
-            the surface, clockwise when seen from above.  Without weights ``xi =
-            -skew``.
-        weights : float or str, optional
-            Mass in kg of each of two equal point weights on the flat side.
-        at : two floats or str, optional
-            Position of one weight on the flat side, in m or as ``"45, -9 mm"``: to the
-            right along the length, then away from the viewer.  The other weight lies
+            Angle by which the axes of inertia are turned against those of the surface,
+            clockwise when seen from above; a number is in radians.  Without weights
+            ``xi = -skew``.
+        weights : str, optional
+            Mass of each of two equal point weights on the flat side.
+        at : two of str, or str, optional
+            Position of one weight on the flat side, as ``"45, -9 mm"``: to the right
+            along the length, then away from the viewer.  The other weight lies
             opposite.
-        wall : float or str, optional
-            Thickness in m of an open shell, whose cavity is a half ellipsoid with axes
+        wall : str, optional
+            Thickness of an open shell, whose cavity is a half ellipsoid with axes
             shorter by this.  Without it the body is solid.
 
         Raises
@@ -286,6 +290,13 @@ class Rattleback:
         >>> round(stone.alpha, 2), round(stone.theta, 2), round(stone.xi, 4)
         (13.95, 0.4, -0.0524)
         """
+        given = {"length": length, "width": width, "height": height, "wall": wall}
+        for name, value in given.items():
+            require_unit(name, value, "length", of_size=True)
+        for name, value in {"mass": mass, "weights": weights}.items():
+            require_unit(name, value, "mass", of_size=True)
+        require_unit("at", at, "length", of_size=True)
+        require_unit("gravity", _of_earth(gravity), "acceleration", of_size=True)
         sizes = {
             "length": si.size(length, "length", "length"),
             "width": si.size(width, "length", "width"),
@@ -303,8 +314,17 @@ class Rattleback:
                 )
             sizes["weights"] = si.size(weights, "mass", "weights")
             sizes |= {"x": x, "y": y}
+        outside = {name: sizes[name] for name in ("length", "width", "height")}
         if wall is not None:
-            sizes["wall"] = si.size(wall, "length", "wall")
+            sizes["wall"] = outside["wall"] = si.size(wall, "length", "wall")
+            thinnest = min(sizes["length"] / 2, sizes["width"] / 2, sizes["height"])
+            if sizes["wall"] >= thinnest:
+                raise ValueError(
+                    f"wall: {1e3 * sizes['wall']:g} mm is not thinner than the stone, "
+                    f"which has {1e3 * thinnest:g} mm from its middle to its surface; "
+                    "leave wall out if it is solid"
+                )
+        si.check_density(sizes["mass"], si.half_ellipsoid_volume(**outside))
         body = {
             name: float(value) for name, value in si.half_ellipsoid(**sizes).items()
         }
@@ -344,16 +364,16 @@ class Rattleback:
             STL, OBJ, PLY or 3MF file; needs ``pip install 'rattlesweep[mesh]'``.
         unit : str
             Unit of the file.
-        mass, density : float or str
-            Weighed mass in kg without the points, or else density in kg/m^3.
+        mass, density : str
+            Weighed mass without the points, or else density, with units.
         points : sequence of (mass, (x, y, z))
-            Point masses, such as coins, in kg or with units.  Numbers of a place are in
-            the `unit` and the frame of the mesh.
+            Point masses with units, such as coins.  Numbers of a place are in the
+            `unit` and the frame of the mesh.
         up : three floats, optional
             Direction of the mesh that is up, roughly.  Without it, that of the largest
             flat side, or else the z axis.
-        gravity : float or str
-            Gravity in m/s^2.
+        gravity : str
+            Gravity.
 
         Raises
         ------
@@ -374,6 +394,12 @@ class Rattleback:
         ...     "stone.stl", mass="60 g", points=[("7.5 g", (45, -9, 0))]
         ... )  # doctest: +SKIP
         """
+        require_unit("mass", mass, "mass", of_size=True)
+        require_unit("density", density, "density", of_size=True)
+        require_unit("gravity", _of_earth(gravity), "acceleration", of_size=True)
+        for point in points:
+            if isinstance(point, list | tuple) and point:
+                require_unit("points", point[0], "mass", of_size=True)
         standing = read_standing(path, unit, mass, density, points, up, gravity)
         for doubt in standing.doubts:
             warnings.warn(doubt, ConfigWarning, stacklevel=2)
@@ -405,6 +431,11 @@ PRESETS: dict[str, Callable[[], Rattleback]] = {
     "GH": Rattleback.gh,
     "KL": Rattleback.kl,
 }
+
+
+def _of_earth(gravity: float | str) -> object:
+    """Return a gravity, or its default as a number in SI units."""
+    return InSI(gravity) if gravity == si.GRAVITY else gravity
 
 
 def _require_number(name: str, value: Any) -> None:

@@ -1,6 +1,6 @@
 """Bodies in SI units: from a measured inertia tensor, or as a half ellipsoid."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,29 +8,33 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats, refuse_foreign_units, unmasked
-from rattlesweep.errors import one_line
-from rattlesweep.units import KINDS, in_si, is_measured, quantities, quantity, split
+from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.units import (
+    KINDS,
+    NATURAL,
+    in_si,
+    is_measured,
+    quantities,
+    quantity,
+    split,
+)
 
 GRAVITY = 9.81  # on Earth, in m/s^2
 # angle between the z axis and a principal axis, in radians, for rounded inputs
 MAX_TILT = 1e-3
+MOST_RPM = 3000  # of a body with a size
+LARGE_SKEW = np.radians(60)  # beyond it, axes may be exchanged
 LIMITS = {
     "mass": (1e-9, 1e9, "kg"),
     "length": (1e-9, 1e6, "m"),
     "acceleration": (1e-6, 1e6, "m/s^2"),
     "angle": (-1.57, 1.57, "rad"),
     "modulus": (1e3, 1e13, "Pa"),
+    # From foam to osmium.
+    "density": (5.0, 23_000.0, "kg/m^3"),
 }
 """Smallest and largest accepted value of each kind; products of these do not overflow.
 """
-NATURAL = {
-    "time": "sqrt(a/g)",
-    "length": "a",
-    "energy": "M g a",
-    "moment of inertia": "M a^2",
-    "torque per spin": "M a^2 sqrt(g/a)",
-}
-"""Units of the body that kinds of quantities are measured in."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +141,71 @@ def outside(size_in_si: float, kind: str, text: str | None = None) -> str | None
         low /= unit_in_si
         high /= unit_in_si
     return f"from {low:.4g} to {high:.4g} {unit} is allowed"
+
+
+def check_density(mass: ArrayLike, volume: ArrayLike) -> None:
+    """Raise a ValueError if a mass does not go with a volume, of the first body."""
+    densities = np.atleast_1d(np.divide(mass, volume))
+    low, high, unit = LIMITS["density"]
+    wrong = np.flatnonzero(~((densities >= low) & (densities <= high)))
+    if wrong.size:
+        raise ValueError(
+            f"the density is {densities[wrong[0]]:,.4g} {unit}; from {low:g} (foam) to "
+            f"{high:,.0f} (osmium) is allowed; check the mass and the sizes"
+        )
+
+
+def half_ellipsoid_volume(
+    length: ArrayLike, width: ArrayLike, height: ArrayLike, wall: ArrayLike = np.inf
+) -> Floats:
+    """Return the volumes of half ellipsoids, solid or with a wall."""
+    outer = np.stack(np.broadcast_arrays(*map(np.asarray, (length, width, height))))
+    axes = outer * np.array([0.5, 0.5, 1.0]).reshape(3, *[1] * (outer.ndim - 1))
+    inner = np.maximum(axes - wall, 0.0)
+    volume: Floats = 2 / 3 * np.pi * (axes.prod(axis=0) - inner.prod(axis=0))
+    return volume
+
+
+def check_spins(name: str, spins: Floats, units: Units) -> None:
+    """Raise a ConfigError if a spin in units of the body is faster than any stone."""
+    try:
+        rpm = np.ravel(np.abs(spins) / units.time) * (30 / np.pi)
+    except ValueError:
+        return  # shapes that do not broadcast are refused later
+    fast = np.flatnonzero(rpm > MOST_RPM)
+    if fast.size:
+        raise ConfigError(
+            f"{name}: {rpm[fast[0]]:,.0f} rpm is faster than a stone spins; up to "
+            f"{MOST_RPM:,} rpm is allowed"
+        )
+
+
+def doubts(units: Units, gamma: ArrayLike, xi: ArrayLike) -> Iterator[str]:
+    """Yield what is doubtful about bodies with a size, each for the first such body.
+
+    A half ellipsoid with the moment of inertia ``gamma M a^2`` about the vertical and a
+    centre of mass at the height ``a`` has at most the volume ``8 pi/3 gamma a^3``, if
+    it is as wide as long.
+    """
+    skews = np.atleast_1d(np.asarray(xi, float))
+    turned = np.flatnonzero(np.abs(skews) > LARGE_SKEW)
+    if turned.size:
+        yield (
+            f"the skew angle is {np.degrees(skews[turned[0]]):.4g} deg; are the radii "
+            "exchanged against the inertia, or the axes of the inertia?"
+        )
+    low, high, unit = LIMITS["density"]
+    mass, length, gammas = np.broadcast_arrays(units.mass, units.length, gamma)
+    densities = np.ravel(mass / (8 * np.pi / 3 * gammas * length**3))
+    # An unknown mass is NaN.
+    wrong = np.flatnonzero((densities < low) | (densities > high))
+    if wrong.size:
+        first = wrong[0]
+        yield (
+            f"a stone of {np.ravel(mass)[first]:g} kg with this inertia and height has "
+            f"a density of about {densities[first]:.2g} {unit}; from {low:g} (foam) to "
+            f"{high:,.0f} (osmium) is likely; check the units of mass and inertia"
+        )
 
 
 def two_lengths(value: str | Sequence[float | str], name: str) -> list[float]:

@@ -67,7 +67,9 @@ def fit_of(config: Config) -> ErrorFit:
         parts.append("sliding")
     friction = " and ".join(parts)
     if (surface, friction) not in MOTION_FITS:
-        what = f"{surface} with {friction}" if friction else surface
+        what = surface
+        if friction:
+            what = f"{surface} with {' and '.join(losses.present)}"
         raise ConfigError(
             f"record: errors are not calibrated for {what}; leave out error and "
             "accuracy"

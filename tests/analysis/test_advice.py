@@ -9,7 +9,7 @@ from rattlesweep.analysis.advice import SHARE, weights_for_skew
 from rattlesweep.physics.mesh import shapes
 from rattlesweep.physics.mesh.printing import write
 
-SIZES = {"length": 0.12, "width": 0.03, "height": 0.012, "mass": 0.06}
+SIZES = {"length": "12 cm", "width": "3 cm", "height": "12 mm", "mass": "60 g"}
 
 
 @pytest.mark.parametrize("given", [2.0, -6.0])
@@ -21,7 +21,10 @@ def test_two_weights_on_a_half_ellipsoid(given):
     x, y = advice.place
     assert (x / 0.06) ** 2 + (y / 0.015) ** 2 < 0.75
     made = rs.Rattleback.half_ellipsoid(
-        **SIZES, skew=math.radians(given), weights=advice.mass, at=tuple(advice.place)
+        **SIZES,
+        skew=math.radians(given),
+        weights=f"{float(advice.mass)!r} kg",
+        at=[f"{float(each)!r} m" for each in advice.place],
     )
     assert abs(made.xi) == pytest.approx(advice.skew, rel=1e-9)
     assert made.xi * body.xi > 0
@@ -32,10 +35,11 @@ def test_two_weights_on_a_mesh(given, tmp_path):
     pytest.importorskip("trimesh")
     path = tmp_path / "stone.stl"
     write(shapes.half_ellipsoid(0.12, 0.03, 0.012, 32, math.radians(given)), path)
-    body = rs.Rattleback.from_mesh(path, mass=0.06)
+    body = rs.Rattleback.from_mesh(path, mass="60 g")
     advice = weights_for_skew(body)
-    points = [(advice.mass, place * 1e3) for place in (advice.place, advice.other)]
-    made = rs.Rattleback.from_mesh(path, mass=0.06, points=points)
+    mass = f"{float(advice.mass)!r} kg"
+    points = [(mass, place * 1e3) for place in (advice.place, advice.other)]
+    made = rs.Rattleback.from_mesh(path, mass="60 g", points=points)
     # The heavier body is fitted over another part of the twisted bottom.
     assert abs(made.xi) == pytest.approx(advice.skew, rel=6e-3)
     assert made.xi * body.xi > 0

@@ -94,7 +94,7 @@ def test_refusals(body, materials, settings, words):
 
 
 def test_the_command():
-    patch = rs.contact_patch(LARGE, ("PLA", "glass"), facet=4e-4)
+    patch = rs.contact_patch(LARGE, ("PLA", "glass"), facet="0.4 mm")
     done = invoke(
         *("contact", *OPTIONS, "--materials", "PLA,E=70GPa nu=0.22"),
         *("--facet", "0.4mm", "--json"),

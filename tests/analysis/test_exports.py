@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from natural import natural
 
 import rattlesweep as rs
 from rattlesweep.analysis.fit.film import read_film
@@ -89,14 +90,14 @@ def test_the_rate_of_a_phone_is_fitted_with_the_tilt_of_the_stone():
     """On a tilted stone the rate about its own axis is not the spin."""
     truth = {"n_i": 0.3, "omega_xy0": 0.1, "sigma": 4e-3}
     run = rs.trajectory(
-        BODY, **truth, t_end=60, points=300, channels=["t", "n", "omega_z"]
+        BODY, **natural(**truth, t_end=60), points=300, channels=["t", "n", "omega_z"]
     ).table
     size = 1 / BODY.units.time
     data = {
         "Time (s)": run.t_s,
         "Gyroscope z (rad/s)": -size * run.omega_z.to_numpy(),
     }
-    launch = {"n_i": 0.31, "omega_xy0": 0.1}
+    launch = natural(n_i=0.31, omega_xy0=0.1)
     fit = rs.fit(BODY, data, free=["n_i", "sigma"], launch=launch)
     for name in ("n_i", "sigma"):
         assert fit.values[name] == pytest.approx(truth[name], rel=1e-5)

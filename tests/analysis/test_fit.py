@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from natural import natural
 from refusal import assert_refused
 from sweeping import ROOT, invoke
 
@@ -66,11 +67,11 @@ def test_the_command_prints_what_the_page_shows(tmp_path):
 
 def test_exact_data_give_the_truth_back():
     table = rs.trajectory(
-        BODY, **TRUTH, t_end=60, points=300, channels=["t", "n"]
+        BODY, **natural(**TRUTH, t_end=60), points=300, channels=["t", "n"]
     ).table
     table.loc[40:70, "n_rpm"] = np.nan
     spins = table[["t_s", "n_rpm"]]
-    launch = {"n_i": 0.31, "omega_xy0": 0.03}
+    launch = natural(n_i=0.31, omega_xy0=0.03)
     fit = rs.fit(BODY, spins, free=["n_i", "sigma"], launch=launch)
     assert fit.rows == 300 - 31
     for name in ("n_i", "sigma"):
@@ -78,8 +79,8 @@ def test_exact_data_give_the_truth_back():
 
 
 def test_reversal_times_tell_the_friction():
-    launch = {"n_i": 0.3, "omega_xy0": 0.03}
-    run = rs.trajectory(BODY, **launch, sigma=4e-3, t_end="8 s", points=2)
+    launch = natural(n_i=0.3, omega_xy0=0.03)
+    run = rs.trajectory(BODY, **launch, **natural(sigma=4e-3), t_end="8 s", points=2)
     times = run.reversals * BODY.units.time
     assert len(times) >= 2
     fit = rs.fit(BODY, {"reversal_s": times}, free="sigma", launch=launch)
@@ -184,7 +185,9 @@ def test_a_free_shape_is_found_from_films_in_both_directions(n_i):
     angles += 0.5 * np.random.default_rng(12).standard_normal(len(times))
     data = {"t_s": seconds, "angle_deg": angles % 180}
     given = BODY.replace(xi=1.15 * BODY.xi, theta=0.98 * BODY.theta)
-    fit = rs.fit(given, data, free=[*FREE, "skew", "theta"], launch={"n_i": 1.1 * n_i})
+    fit = rs.fit(
+        given, data, free=[*FREE, "skew", "theta"], launch=natural(n_i=1.1 * n_i)
+    )
     truth |= {"skew": -BODY.xi, "theta": BODY.theta}
     for name, value in truth.items():
         low, high = fit.intervals[name]
@@ -195,7 +198,7 @@ def test_a_free_shape_is_found_from_films_in_both_directions(n_i):
 
 def test_a_tap_whose_spins_begin_with_zero_is_fitted():
     run = rs.trajectory(
-        BODY, n_i=0, omega_xy0=0.1, t_end=40, points=60, channels=["t", "n"]
+        BODY, **natural(n_i=0, omega_xy0=0.1, t_end=40), points=60, channels=["t", "n"]
     )
     spins = run.table[["t", "n"]]
     assert spins.n[0] == 0
@@ -206,11 +209,12 @@ def test_a_tap_whose_spins_begin_with_zero_is_fitted():
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 7])
 def test_few_rows_of_spin_are_enough(count):
     rows = 5.0 * np.arange(count)
-    launch = {"n_i": 0.3, "omega_xy0": 0.03}
-    run = rs.trajectory(BODY, **launch, t_end=rows[-1], times=rows, channels=["yaw"])
+    launch = natural(n_i=0.3, omega_xy0=0.03)
+    times = [f"{row!r} sqrt(a/g)" for row in rows.tolist()]
+    run = rs.trajectory(BODY, **launch, t_end=times[-1], times=times, channels=["yaw"])
     spins = np.gradient(run.table["yaw"].to_numpy(), rows)
     data = {"t_s": rows * BODY.units.time, "spin_rad_s": spins / BODY.units.time}
-    fit = rs.fit(BODY, data, free="n_i", launch={**launch, "n_i": 0.31})
+    fit = rs.fit(BODY, data, free="n_i", launch={**launch, **natural(n_i=0.31)})
     assert fit.rows == count
     assert fit.values["n_i"] == pytest.approx(0.3, rel=0.02)
 
@@ -228,10 +232,10 @@ def test_half_turns_between_frames_are_counted_by_the_spin_of_the_launch(rpm):
 
 
 def test_parameters_that_only_their_ratio_is_told_of_are_both_named():
-    launch = {"n_i": 0.3, "omega_xy0": 1e-7}
-    data = rs.trajectory(BODY, **launch, sigma=4e-3, t_end=20, points=200).table[
-        ["t", "n"]
-    ]
+    launch = natural(n_i=0.3, omega_xy0=1e-7)
+    data = rs.trajectory(
+        BODY, **launch, **natural(sigma=4e-3, t_end=20), points=200
+    ).table[["t", "n"]]
     data["n"] += 1e-3 * np.random.default_rng(1).standard_normal(200)
     fit = rs.fit(BODY, data, free=["sigma", "gamma"], launch=launch)
     assert "the data cannot tell sigma and gamma apart" in fit.remarks[0]
@@ -394,16 +398,18 @@ def test_a_film_in_other_units_or_mirrored_is_refused(change, launch, sentence):
     ],
 )
 def test_a_spin_in_other_units_or_mirrored_is_refused(factor, sentence):
-    run = rs.trajectory(BODY, **TRUTH, t_end=30, points=100, channels=["t", "n"])
+    run = rs.trajectory(
+        BODY, **natural(**TRUTH, t_end=30), points=100, channels=["t", "n"]
+    )
     spins = run.table[["t_s", "n_rpm"]]
     spins["n_rpm"] *= factor
-    launch = {"n_i": 0.31, "omega_xy0": 0.03}
+    launch = natural(n_i=0.31, omega_xy0=0.03)
     with pytest.raises(rs.ConfigError, match=sentence):
         rs.fit(BODY, spins, free="sigma", launch=launch)
 
 
 def test_reversals_in_milliseconds_are_refused():
-    launch = {"n_i": 0.3, "omega_xy0": 0.03}
+    launch = natural(n_i=0.3, omega_xy0=0.03)
     times = {"reversal_s": [2139.0, 5000.0]}
     with pytest.raises(rs.ConfigError, match="name the column reversal_ms"):
         rs.fit(BODY, times, free="sigma", launch=launch)
@@ -422,7 +428,7 @@ def test_large_residuals_are_told(monkeypatch):
     monkeypatch.setattr(series, "STARTS", 1)
     monkeypatch.setattr(series, "FILM_STEPS", 3)
     mirrored = BODY.replace(xi=-BODY.xi)
-    launch = {"n_i": 0.3, "omega_xy0": 0.03}
+    launch = natural(n_i=0.3, omega_xy0=0.03)
     fit = rs.fit(mirrored, film()[:240], free="sigma", launch=launch)
     assert fit.noise > 20
     assert fit.remarks[0].startswith(
@@ -432,7 +438,9 @@ def test_large_residuals_are_told(monkeypatch):
 
 
 def test_a_trial_that_fails_is_a_bad_point_of_the_search(monkeypatch):
-    run = rs.trajectory(BODY, **TRUTH, t_end=40, points=200, channels=["t", "n"])
+    run = rs.trajectory(
+        BODY, **natural(**TRUTH, t_end=40), points=200, channels=["t", "n"]
+    )
     follow = problem.follow_quantity
     failed = []
 
@@ -445,13 +453,13 @@ def test_a_trial_that_fails_is_a_bad_point_of_the_search(monkeypatch):
 
     monkeypatch.setattr(problem, "follow_quantity", fragile)
     data = run.table[["t", "n"]]
-    fit = rs.fit(BODY, data, free=["omega_xy0", "sigma"], launch={"n_i": 0.3})
+    fit = rs.fit(BODY, data, free=["omega_xy0", "sigma"], launch=natural(n_i=0.3))
     assert failed
     assert fit.values["omega_xy0"] == pytest.approx(0.03, rel=1e-5)
     assert fit.values["sigma"] == pytest.approx(4e-3, rel=1e-5)
     # Where every trial fails, the reason is told.
     with pytest.raises(rs.ConfigError, match="the state became infinite"):
-        rs.fit(BODY, data, free=["sigma"], launch={"n_i": 0.3, "omega_xy0": 0.01})
+        rs.fit(BODY, data, free=["sigma"], launch=natural(n_i=0.3, omega_xy0=0.01))
 
 
 def test_progress_grows_to_the_end():

@@ -15,7 +15,13 @@ from sweeping import ROOT, invoke
 import rattlesweep as rs
 from rattlesweep.analysis.fit.doubts import doubts_of_errors
 
-SIZES = {"length": 0.12, "width": 0.03, "height": 0.012, "mass": 0.06, "skew": 0.05}
+SIZES = {
+    "length": "12 cm",
+    "width": "3 cm",
+    "height": "12 mm",
+    "mass": "60 g",
+    "skew": 0.05,
+}
 STONE = {"shape": "half_ellipsoid", **SIZES}
 LAUNCH = {"n_i": "100 rpm", "omega_xy0": "10 rpm"}
 TIMES = np.linspace(0, 1.5, 80)
@@ -27,14 +33,18 @@ def spins(
     n_i: float, sigma: float, omega_xy0: float = 10, **sizes: float
 ) -> np.ndarray:
     """Return spins in rpm, for rates in rpm, sigma in 1e-7 N m s and SI sizes."""
-    body = rs.Rattleback.half_ellipsoid(**{**SIZES, **sizes})
+    changed = {
+        name: f"{value:.17g} {'kg' if name == 'mass' else 'm'}"
+        for name, value in sizes.items()
+    }
+    body = rs.Rattleback.half_ellipsoid(**{**SIZES, **changed})
     run = rs.trajectory(
         body,
         n_i=f"{n_i:.17g} rpm",
         omega_xy0=f"{omega_xy0:.17g} rpm",
         sigma=f"{sigma * 1e-7:.17g} N m s",
         t_end="1.5 s",
-        times=TIMES / body.units.time,
+        times=[f"{time!r} s" for time in TIMES.tolist()],
     )
     return run.table["n_rpm"].to_numpy()
 

@@ -104,7 +104,7 @@ def test_the_facts_of_a_body_of_known_size_are_in_its_units():
     )
     run = PreparedRun.of(launch)
     facts = dict(show.make_scene(show.course_of_page(run, None))["facts"])
-    t_rgh = rs.reversal_time_gh(KL, n_i=0.2, omega_xy0=0.02)
+    t_rgh = rs.reversal_time_gh(KL, n_i="0.2 sqrt(g/a)", omega_xy0="0.02 sqrt(g/a)")
     assert facts["t_rGH"] == f"{t_rgh * KL.units.time:.6g} s"
     assert facts["dissipation"].endswith(" N m s")
 

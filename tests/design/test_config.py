@@ -103,19 +103,16 @@ def test_values_are_spaced_where_they_can_be(law, middle):
             spaced(*ends)
 
 
-@pytest.mark.parametrize("unit", ["", " rpm"])
+@pytest.mark.parametrize("unit", ["", " rpm", " sqrt(g/a)"])
 def test_a_range_has_the_decimals_that_were_meant(unit):
     """The values are the decimals of exact sums, and the middle of a range is zero."""
 
     def spaced(law, low, high, count):
         ends = [f"{low}{unit}", f"{high}{unit}", count]
-        values = parse_config(
-            {
-                "bodies": {"source": "shape", "length": 0.12, "width": 0.03}
-                | {"height": 0.012, "mass": 0.06, "skew": 0.05},
-                "spin": {"n_i": {law: ends}, "omega_xy0": 0.01},
-            }
-        ).spin.n_i
+        bodies = {"source": "preset", "name": "KL" if unit else "GH"}
+        push = "1 rpm" if unit else 0.01
+        spin = {"n_i": {law: ends}, "omega_xy0": push}
+        values = parse_config({"bodies": bodies, "spin": spin}).spin.n_i
         return [float(str(as_written(value)).removesuffix(unit)) for value in values]
 
     for low in range(-10, 11):
@@ -282,15 +279,15 @@ grid | {preset: GH} | {preset: GH, phi: 0.1} | 1: bodies.base: give a preset alo
 shell | xi_deg: -3 | xi_deg: -3, xi: -0.1 | 1: bodies.base: xi, xi_deg and minus_xi_deg exclude each other; keep one
 preset | overrides: {theta: 0.82} | surface: ellipsoid | 1: bodies.surface: an ellipsoid needs its vertical semi-axis; give c, such as c: 2
 preset | overrides: {theta: 0.82}}\n | c: 2}\nrecord: [lyapunov]\n | 2: record: lyapunov needs paraboloids without dissipation; leave
-shape | n_i: [60 rpm, 0.1] | n_i: 60 mm | 2: spin.n_i: "60 mm" is a length; a spin is needed, such as 60 rpm
-shape | n_i: [60 rpm, 0.1] | n_i: 60 rmp | 2: spin.n_i: "60 rmp" has the unit rmp: 'rmp' is not defined in the unit registry; a spin
-shape | n_i: [60 rpm, 0.1] | n_i: {linspace: [1 rpm, 2 Hz, 3]} | 2: spin.n_i: write {linspace: [low, high, n]} or
+shape | n_i: [60 rpm, 0.1 sqrt(g/a)] | n_i: 60 mm | 2: spin.n_i: "60 mm" is a length; a spin is needed, such as 60 rpm
+shape | n_i: [60 rpm, 0.1 sqrt(g/a)] | n_i: 60 rmp | 2: spin.n_i: "60 rmp" has the unit rmp: 'rmp' is not defined in the unit registry; a spin
+shape | n_i: [60 rpm, 0.1 sqrt(g/a)] | n_i: {linspace: [1 rpm, 2 Hz, 3]} | 2: spin.n_i: write {linspace: [low, high, n]} or
 sd | horizon: {t_rgh: 5} | horizon: 5 | 13: horizon: 5 is given; a section is needed, such as horizon: {t_rgh: 5}
 sd | integrator: {method: dop853, tol: 1e-9} | integrator: rk4 | 14: integrator: "rk4" is given; a section is needed, such as integrator: {method: rk4}
 preset | n_i: -0.1 | n_i: fast | 2: spin.n_i: "fast" is not a number; give a number in sqrt(g/a), or one with a unit, such as 60 rpm
 preset | n_i: -0.1 | n_i: -0,1 | 2: spin.1: unknown key "1"; if this is a decimal comma, write a decimal point
 preset | omega_xy0: 0.01 | omega_xy0: "0,01" | 2: spin.omega_xy0: "0,01" has a decimal comma; write 0.01
-shape | n_i: [60 rpm, 0.1] | n_i: "0,5 rpm" | 2: spin.n_i: "0,5 rpm" has a decimal comma; write 0.5 rpm
+shape | n_i: [60 rpm, 0.1 sqrt(g/a)] | n_i: "0,5 rpm" | 2: spin.n_i: "0,5 rpm" has a decimal comma; write 0.5 rpm
 sd | rel_tol: 1e-3 | rel_tol: "0,5" | 7: bodies.target.rel_tol: "0,5" is given; write 0.5 with a decimal point
 sd | n_i: [-0.1, -0.3, -0.5] | n_i: 60 rpm | 9: spin.n_i: 60 rpm needs bodies with a size; give a number without a unit, or take source: shape, the preset KL,
 sd | model: full | samples: 5 | 12: samples: unknown key "samples"; did you mean bodies.samples?
@@ -306,7 +303,12 @@ preset | name: GH | <<: {name: GH} | 1: bodies.<<: YAML 1.2 has no merge keys; w
 preset | + | dissipation: {mu: 1e6} | 3: dissipation.mu: 1000000.0 is given; a value below 1e+06 is needed
 grid | phi: [0.02, 0.036] | phii: [0.02] | 1: bodies.axes.phii: unknown key "phii"; did you mean "phi"?
 grid | theta: { | tetha: { | 1: bodies.axes.tetha: unknown key "tetha"; did you mean "theta"?
-shape | width: 0.03 | width: 12 px | 1: bodies.width: "12 px" has the unit px: it would be read as a css pixel
+shape | width: 30 mm | width: 12 px | 1: bodies.width: "12 px" has the unit px: it would be read as a css pixel
+shape | 0.1 sqrt(g/a) | 0.1 | 2: spin.n_i: 0.1 has no unit, and the body has a size; give a spin with its unit, such as 60 rpm, or in units of the body, as in '0.1 sqrt(g/a)'
+shape | 0.1 sqrt(g/a) | 0.1 sqrt(a/g) | 2: spin.n_i[1]: "0.1 sqrt(a/g)" is a time; a spin is needed, such as 60 rpm
+shape | length: 12cm | length: 12 | 1: bodies.length: 12 has no unit, and the body has a size; give a length with its unit, such as 12 mm
+shape | mass: [80 g, 90 g] | mass: [80 g, 90] | 1: bodies.mass[1]: 90 has no unit, and the body has a size; give a mass
+shape | height: 12 mm | height: 12 mm, wall: 12 mm | 1: bodies.wall: the wall is not thinner than the stone, which has 12 mm from its middle to its surface; leave wall
 shape | skew: -3 deg | skew: 95 deg | 1: bodies.skew: "95 deg" is out of range; from -89.95 to 89.95 deg is allowed
 shape | mass: [80 g, 90 g] | mass: 80 g | 1: bodies.samples: no key is a range, so all bodies are equal; leave
 """  # noqa: E501

@@ -56,7 +56,7 @@ def test_bodies_and_launches_in_si_units(tmp_path):
                 given.izz_kg_m2,
                 given.ixy_kg_m2,
             ),
-        )
+        ).replace(units=None)
         second = math.sqrt(given.height_m / 9.81)
         rpm = math.pi / 30 * second
         assert [run.alpha, run.theta, run.xi, run.n_i, run.n_i_rpm] == pytest.approx(
@@ -74,7 +74,9 @@ def test_bodies_and_launches_in_si_units(tmp_path):
     pd.testing.assert_frame_equal(runs[kept], STONES[kept], check_dtype=False)
     assert str(runs.number.dtype) == "int64"
     # The runs of a sweep are a table, whatever units it began with.
-    again = sweep(tmp_path / "out" / "runs", tmp_path / "again", horizon={"t": 1e4})
+    again = sweep(
+        tmp_path / "out" / "runs", tmp_path / "again", horizon={"t": "1e4 sqrt(a/g)"}
+    )
     pd.testing.assert_frame_equal(again[kept], runs[kept])
     # The windows depend on the horizon.
     again, runs = (
@@ -107,12 +109,12 @@ def test_shapes_of_different_sizes_are_launched_in_si_units(tmp_path):
     assert len(runs) == 12
     for run in runs.itertuples():
         stone = rs.Rattleback.half_ellipsoid(
-            length=run.shape_length_m,
+            length=f"{run.shape_length_m!r} m",
             width="34 mm",
             height="12 mm",
             mass="60 g",
             wall="3 mm",
-            weights=run.shape_weights_kg,
+            weights=f"{run.shape_weights_kg!r} kg",
             at="45,-9 mm",
         )
         spin = f"{(60, -60)[run.case // 2]} rpm"
@@ -132,8 +134,8 @@ def test_shapes_of_different_sizes_are_launched_in_si_units(tmp_path):
     assert made.verify(recompute=3).problems == []
     path = made.replay(1, 2, t_end="9 s", points=2)
     assert path["t_s"].tolist() == pytest.approx([0, 9], rel=1e-14)
-    config["spin"] = {"n_i": ["60 rpm", 0.1], "omega_xy0": 0.1}
-    with pytest.raises(rs.ConfigError, match="give all of them with units, or none"):
+    config["spin"] = {"n_i": ["60 rpm", "0.1 sqrt(g/a)"], "omega_xy0": "6 rpm"}
+    with pytest.raises(rs.ConfigError, match="give all of them in SI units, or none"):
         rs.sweep(config, output=tmp_path / "no")
 
 

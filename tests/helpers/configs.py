@@ -38,9 +38,9 @@ GOOD = {
     "spin: {n_i: [0.1, -0.1], omega_xy0: 0.01, psi: 30}\n"
     "integrator: {method: rk4, dt: 0.002}\nhorizon: {t: 3.0e4}\n"
     "record: [contact, energy]\n",
-    "shape": "bodies: {source: shape, length: 12cm, width: 0.03, height: 12 mm, "
+    "shape": "bodies: {source: shape, length: 12cm, width: 30 mm, height: 12 mm, "
     "mass: [80 g, 90 g], skew: -3 deg, samples: 4}\n"
-    "spin: {n_i: [60 rpm, 0.1], omega_xy0: 6 rpm}\n",
+    "spin: {n_i: [60 rpm, 0.1 sqrt(g/a)], omega_xy0: 6 rpm}\n",
 }
 
 

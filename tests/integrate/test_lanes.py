@@ -281,7 +281,7 @@ def test_extremes_between_the_steps_are_found(method):
     turns = 0
     for k in range(len(n_i)):
         exact = Follower(kernels.take(runs, [k]), DOP853, FULL, tol=1e-12)
-        spin, _, normal, tangential = exact.observe(exact.at(t))
+        spin, _, normal, tangential, _ = exact.observe(exact.at(t))
         ratio = (tangential / normal).max()
         assert normal.min() > 0
         assert out.contact_ratio_max[k] == pytest.approx(ratio, rel=2e-5)

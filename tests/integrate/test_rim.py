@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import stone_oracle
+from natural import natural
 from scipy.optimize import brentq
 from sweeping import invoke
 
@@ -27,9 +28,9 @@ def taps(count, seed):
     rng = np.random.default_rng(seed)
     for _ in range(count):
         sizes = {
-            "length": rng.uniform(0.08, 0.16),
-            "width": rng.uniform(0.024, 0.03),
-            "height": rng.uniform(0.01, 0.013),
+            "length": f"{rng.uniform(0.08, 0.16)!r} m",
+            "width": f"{rng.uniform(0.024, 0.03)!r} m",
+            "height": f"{rng.uniform(0.01, 0.013)!r} m",
             "skew": rng.uniform(0.02, 0.14),
         }
         body = rs.Rattleback.half_ellipsoid(**STONE | sizes)
@@ -42,7 +43,7 @@ def taps(count, seed):
 def test_half_ellipsoids_end_at_their_rims(count, seed):
     ended = 0
     for body, n_i, push, psi in taps(count, seed):
-        launch = {"n_i": n_i, "omega_xy0": push, "psi": psi, "t_end": 12}
+        launch = natural(n_i=n_i, omega_xy0=push, t_end=12) | {"psi": psi}
         run = rs.simulate(body, **launch, record="reversals", tol=1e-11)
         path = rs.trajectory(body, **launch, tol=1e-11, channels=["t", "contact_z"])
         exact = oracle_time(body, n_i, push, psi, 12)
@@ -61,7 +62,7 @@ def test_half_ellipsoids_end_at_their_rims(count, seed):
 
 def test_a_body_that_slides_ends_at_its_rim():
     body = rs.Rattleback.half_ellipsoid(**STONE, width="24.2 mm")
-    launch = {"n_i": 0, "omega_xy0": 1.1, "psi": "roll", "t_end": 20, "mu": 0.9}
+    launch = natural(n_i=0, omega_xy0=1.1, t_end=20) | {"psi": "roll", "mu": 0.9}
     run = rs.simulate(body, **launch)
     path = rs.trajectory(body, **launch)
     beyond = rs.trajectory(body.replace(rim=None), **launch, section="u_z=0")
@@ -145,10 +146,11 @@ def test_sweeps_and_tables_keep_the_rim(tmp_path):
 
 
 def test_other_bodies_have_no_rim():
+    launch = natural(n_i=0.1, omega_xy0=0.01, t_end=1)
     assert rs.Rattleback.kl().rim is None
-    assert not hasattr(rs.simulate("KL", n_i=0.1, omega_xy0=0.01, t_end=1), "rim")
+    assert not hasattr(rs.simulate("KL", **launch), "rim")
     both = [rs.Rattleback.half_ellipsoid(**STONE, width="3 cm"), rs.Rattleback.kl()]
-    rims = rs.simulate(both, n_i=0.1, omega_xy0=0.01, t_end=1)["rim"]
+    rims = rs.simulate(both, **launch)["rim"]
     assert rims[0] == both[0].c
     assert np.isnan(rims[1])
     for wrong in (0, -1, float("nan")):

@@ -226,7 +226,7 @@ def test_a_run_can_be_followed_through_its_slides():
         follower = Follower(runs, DOP853, SLIDING["full"], attitude=attitude)
         samples = follower.at(np.linspace(0, 60, 601))
         assert follower.zeros[0] == out.t_r[0]
-        _, energy, normal, tangential = follower.observe(samples)
+        _, energy, normal, tangential, _ = follower.observe(samples)
         assert energy / follower.energy_0 - 1 == pytest.approx(0, abs=1e-8)
         does_slide = samples.slip[:, 0] > 0
         assert 50 < does_slide.sum() < 500
@@ -240,7 +240,7 @@ def test_the_place_of_the_foot_agrees_with_newton():
     follower = Follower(runs, DOP853, SLIDING["full"], attitude=True, tol=1e-12)
     step = 2e-3
     samples = follower.at(np.arange(19.0, 24.0, step))
-    _, _, _, tangential = follower.observe(samples)
+    _, _, _, tangential, _ = follower.observe(samples)
     # The centre of mass, from the contact point, in axes that do not turn.
     u, _ = full.to_vectors(samples.y.T)
     point = contact_point(*samples.y.T[:2], Shape(*runs.constants[0, 3:6]))
@@ -323,7 +323,7 @@ def test_a_slide_whose_normal_force_grows_without_bound_is_jammed():
     follower = Follower(runs, DOP853, SLIDING["full"])
     normal = np.zeros(0)
     while not follower.ended:
-        _, _, normal, _ = follower.observe(follower.steps())
+        _, _, normal, _, _ = follower.observe(follower.steps())
     assert follower.status == Status.JAMMED
     assert normal[-1] > 10 * np.median(normal)
 
@@ -417,7 +417,7 @@ def test_the_least_normal_force_is_that_between_steps_of_slides():
     for k in chosen:
         follower = Follower(take(runs, [k]), DOP853, SLIDING["full"])
         samples = follower.at(np.linspace(0, out.t_end[k], 20_000))
-        _, _, normal, _ = follower.observe(samples)
+        _, _, normal, _, _ = follower.observe(samples)
         assert out.contact_normal_min[k] == pytest.approx(normal.min(), abs=2e-5)
 
 

@@ -3,11 +3,13 @@ times.
 """
 
 import tracemalloc
+from dataclasses import replace
 
 import kernels
 import numpy as np
 import oracle
 import pytest
+from natural import natural
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
@@ -17,9 +19,10 @@ import rattlesweep as rs
 from rattlesweep.analysis.onerun.channels import CHANNELS
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.design.single import Launch
+from rattlesweep.integrate import follow as follow_module
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow import Follower
-from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.model import ELLIPSOID, FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 
@@ -53,6 +56,33 @@ def test_reversal_and_last_step_are_those_of_the_sweep_bit_for_bit(method, n_i, 
         assert y[-1].tobytes() == out.y_end[0].tobytes()
     else:
         assert out.t_r[0] == follower.zeros[0]
+
+
+@pytest.mark.parametrize(("most_ahead", "begun"), [(100, 1), (1, 2)])
+def test_an_ellipsoid_is_followed_once_unless_the_run_is_long(
+    most_ahead, begun, monkeypatch
+):
+    flat = kernels.full_batch(oracle.GH, [0.1], t_end=60.0)
+    batch = replace(flat, constants=np.append(flat.constants, [[0.3]], axis=1))
+    monkeypatch.setattr(follow_module, "STEPS_PER_CALL", 50)
+    monkeypatch.setattr(follow_module, "MOST_AHEAD", most_ahead)
+    begins = []
+    call = Follower._call
+
+    def counted(self, rows, **options):
+        begins.append(options["begins"])
+        return call(self, rows, **options)
+
+    monkeypatch.setattr(Follower, "_call", counted)
+    follower, t, y = follow(batch, model=ELLIPSOID)
+    stretches = -(-follower.n_steps // 50)
+    assert stretches > 2
+    assert begins.count(True) == begun
+    assert begins.count(False) == begun * stretches
+    out = integrate(batch, DOP853, ELLIPSOID)
+    assert np.isnan(out.t_r[0])
+    assert t[-1] == out.t_end[0]
+    assert y[-1].tobytes() == out.y_end[0].tobytes()
 
 
 def test_rows_do_not_change_the_steps_nor_pieces_of_a_grid_the_rows():
@@ -305,8 +335,8 @@ def test_the_angle_of_the_long_axis_is_that_of_the_attitude_with_its_turns():
         length="12 cm", width="3 cm", height="12 mm", mass="60 g", skew="20 deg"
     )
     names = ["q0", "q1", "q2", "q3", "yaw", "angle_deg"]
-    launch = {"n_i": 0.3, "omega_xy0": 0.1}
-    run = rs.trajectory(stone, **launch, t_end=60, points=601, channels=names)
+    launch = natural(n_i=0.3, omega_xy0=0.1, t_end=60)
+    run = rs.trajectory(stone, **launch, points=601, channels=names)
     turn = Rotation.from_quat(run.table[names[:4]].to_numpy(), scalar_first=True)
     along = turn.apply([-np.sin(stone.xi), np.cos(stone.xi), 0])
     expected = np.degrees(np.unwrap(np.arctan2(along[:, 1], along[:, 0])))

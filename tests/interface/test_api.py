@@ -14,7 +14,7 @@ import pytest
 
 import rattlesweep as rs
 from rattlesweep import api
-from rattlesweep.api import contact, single, sweeps
+from rattlesweep.api import contact, single, sweeps, verdicts
 from rattlesweep.physics import body as bodies_module
 from rattlesweep.physics.body import PARAMETERS
 
@@ -34,7 +34,7 @@ def test_the_examples_in_the_package_are_true(tmp_path, monkeypatch):
     shutil.copytree(Path(__file__).parents[2] / "configs", tmp_path / "configs")
     monkeypatch.chdir(tmp_path)
     rs.sweep("configs/gh.yaml", threads=1)
-    for module in (rs, bodies_module, api, contact, single, sweeps):
+    for module in (rs, bodies_module, api, contact, single, sweeps, verdicts):
         failed, tried = doctest.testmod(module, extraglobs={"rs": rs})
         assert failed == 0 < tried
 
@@ -127,7 +127,9 @@ def test_tables_of_bodies():
 
 def test_texts_with_units():
     second = rs.Rattleback.kl().units.time
-    runs = rs.simulate("KL", n_i=["-60 rpm", 0.2], omega_xy0="5 rpm", t_end="2 s")
+    runs = rs.simulate(
+        "KL", n_i=["-60 rpm", "0.2 sqrt(g/a)"], omega_xy0="5 rpm", t_end="2 s"
+    )
     assert runs.n_i.tolist() == pytest.approx([-2 * np.pi * second, 0.2])
     assert runs.t_end.tolist() == pytest.approx([2 / second] * 2)
 

@@ -71,7 +71,7 @@ trajectory --preset KL --n-i 60rpm --sigma 1e-4 | --sigma: 0.0001 has no unit
 trajectory --preset KL --n-i 60rpm --dt 1 | --dt: 1 has no unit
 body --half-ellipsoid 12cm,3cm,12mm --mass 60 | --mass 60: has no unit
 body --mass 1kg --height 1cm --inertia '2,16,17 kg cm^2' --radii '200,4.5 cm' --c 2 | --c: 2 has no unit
-trajectory --preset KL --n-i 60rpm --section n=1 | --section: 1 has no unit
+trajectory --preset KL --n-i 60rpm --section n=1 | section: 1 has no unit
 trajectory --preset GH --section t=3 | section: t has none: it only grows
 trajectory --preset GH --channels '' | --channels: give at least one name
 run c.yaml --set 'bodies={source: sd, target: {}}' | neither K_r nor K_p is given

@@ -39,6 +39,7 @@ COMMANDS = {
     "classify",
     "body",
     "contact",
+    "verdict",
     "trajectory",
     "tradeoff",
     "paper",

@@ -95,7 +95,9 @@ def test_spins_of_pint_are_spins_as_texts_are(spins):
     times = rs.reversal_time_gh(KL, n_i=spins, omega_xy0="6 rpm")
     np.testing.assert_array_equal(times, texts.t_rgh)
     seen = rs.growth_rates(KL, spins).pitch / texts.n_i
-    np.testing.assert_allclose(seen, rs.growth_rates(KL, 1.0).pitch, rtol=1e-14)
+    np.testing.assert_allclose(
+        seen, rs.growth_rates(KL, "1 sqrt(g/a)").pitch, rtol=1e-14
+    )
 
 
 def test_times_losses_and_directions_of_pint():

@@ -76,7 +76,7 @@ def test_a_twist_makes_the_skew():
     assert along == pytest.approx(skew, rel=1e-3)
     found = stand(solid, mass).parameters
     exact = rs.Rattleback.half_ellipsoid(
-        length=0.12, width=0.03, height=0.012, mass=1, skew=skew
+        length="12 cm", width="3 cm", height="12 mm", mass="60 g", skew=skew
     )
     # Its moments are those of the outlines, so that they are not those of a half
     # ellipsoid whose axes are turned: the twist makes the smallest one larger.
@@ -131,10 +131,10 @@ def test_a_stone_file_with_a_mesh(stones):
         "mass": "60 g",
         "points": [["7.5 g", [30, -5, 0]], ["7.5 g", [-30, 5, 0]]],
     }
-    body = measured_body(values, in_si=False).body
+    body = measured_body(values).body
     assert body.units.mass == pytest.approx(0.075)
     with pytest.raises(rs.ConfigError, match="mass"):
-        measured_body(values | {"mass": 60}, in_si=False)
+        measured_body(values | {"mass": 60})
 
 
 def test_a_sweep_of_two_meshes(stones, tmp_path, monkeypatch):
@@ -178,7 +178,7 @@ def test_radii_that_change_with_the_range_are_told(stones, tmp_path):
         ConfigWarning, match=r"the radii change by .* with the range that is fitted"
     ):
         rs.Rattleback.from_mesh(
-            path, mass=0.06, points=[(0.005, (30, -5, 0)), (0.005, (-30, 5, 0))]
+            path, mass="60 g", points=[("5 g", (30, -5, 0)), ("5 g", (-30, 5, 0))]
         )
 
 

@@ -51,7 +51,7 @@ def test_every_example_is_valid(make):
     """
     for path, examples in make.EXAMPLES.items():
         for part in map(YAML(typ="safe").load, examples):
-            spin = {"spin": {"n_i": 0.1, "omega_xy0": 0.01}}
+            spin = {"spin": {"n_i": "0.1 sqrt(g/a)", "omega_xy0": "0.01 sqrt(g/a)"}}
             rest = {"horizon": {"t": 10}} if "launch" in part else spin
             parse_config({"bodies": {"source": "sd"}, **rest, **part})
             assert path.split(",")[0].split(".")[0] in part

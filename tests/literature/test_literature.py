@@ -40,7 +40,7 @@ class Stone:
             gravity=gravity,
             z_up=True,
             radii=(long**2 / deep, wide**2 / deep),
-        )
+        ).replace(units=None)  # launches are in units of the body
         x = np.array([*np.linalg.eigh(np.array(inertia)[:2, :2])[1][:, 1], 0.0])
         z = np.array([0.0, 0.0, -1.0])
         self.axes = np.array([x, np.cross(z, x), z])
@@ -110,7 +110,11 @@ def test_the_stone_of_physics_atlas(spin):
     # The shape itself; its skew has the paper's sign, which is that of the mirrored
     # stone.
     shape = rs.Rattleback.half_ellipsoid(
-        length=2 * long, width=2 * wide, height=deep, mass=mass, skew=skew
+        length=f"{2 * long} m",
+        width=f"{2 * wide} m",
+        height=f"{deep} m",
+        mass=f"{mass} kg",
+        skew=skew,
     )
     for name in ("alpha", "beta", "gamma", "theta", "phi", "c"):
         assert getattr(shape, name) == pytest.approx(

@@ -18,8 +18,8 @@ NAMES = ("alpha", "beta", "gamma", "theta", "phi", "xi", "c", "rim")
 
 def closed_form():
     return rs.Rattleback.half_ellipsoid(
-        length=0.12, width=0.03, height=0.012, mass=0.06, weights=0.0075,
-        at=(0.045, -0.009),
+        length="12 cm", width="3 cm", height="12 mm", mass="60 g", weights="7.5 g",
+        at="45, -9 mm",
     )  # fmt: skip
 
 
@@ -187,7 +187,7 @@ def test_files_units_and_points(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     solid = half_ellipsoid(120, 30, 12, 32)
     mesh = trimesh.Trimesh(solid.vertices, solid.faces, process=False)
-    points = [("7.5 g", (45, -9, 0)), (0.0075, ("-45 mm", "9 mm", 0))]
+    points = [("7.5 g", (45, -9, 0)), ("7.5 g", ("-45 mm", "9 mm", 0))]
     for ending in ("3mf", "obj", "ply", "stl"):
         path = tmp_path / f"stone.{ending}"
         mesh.export(path)
@@ -198,7 +198,7 @@ def test_files_units_and_points(tmp_path):
         ({"unit": "m"}, "120 m long"),
         ({"mass": "60 kg"}, "density"),
         ({"mass": None}, "mass or density"),
-        ({"points": [(0.0075, (0.045, -0.009, 0))]}, "if m is meant"),
+        ({"points": [("7.5 g", (0.045, -0.009, 0))]}, "if m is meant"),
         ({"path": tmp_path / "none.stl"}, "No such file"),
     ]
     for change, words in wrong:

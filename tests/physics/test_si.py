@@ -21,7 +21,13 @@ STONE = {
     "radii": (2.0, 0.045),
 }
 """Kane and Levinson's: semi-axes 20, 3, 2 cm; the radii are 20^2/2 and 3^2/2 cm."""
-HALF = {"length": 0.12, "width": 0.03, "height": 0.012, "mass": 0.06, "skew": 0.05}
+HALF = {
+    "length": "12 cm",
+    "width": "3 cm",
+    "height": "12 mm",
+    "mass": "60 g",
+    "skew": 0.05,
+}
 
 
 def numbers(body):
@@ -130,14 +136,17 @@ def test_any_axes_and_any_order_of_the_radii(angle, order):
             {"c": "2 mm"},
             r"c 0.2 is not above theta 0\.222222: the ellipsoid would",
         ),
-        ("half_ellipsoid", {"height": 0.02}, "height: the body tips over"),
-        ("half_ellipsoid", {"weights": 0.01}, "weights and at belong together"),
+        ("half_ellipsoid", {"height": "2 cm"}, "height: the body tips over"),
+        ("half_ellipsoid", {"length": 0.12}, "length: 0.12 has no unit, and the body"),
+        ("half_ellipsoid", {"mass": "60 kg"}, "the density is 2.653e.06 kg/m.3; from"),
+        ("half_ellipsoid", {"wall": "12 mm"}, "wall: 12 mm is not thinner than the s"),
+        ("half_ellipsoid", {"weights": "10 g"}, "weights and at belong together"),
         (
             "half_ellipsoid",
-            {"weights": 0.01, "at": (0.06, 0.01)},
+            {"weights": "10 g", "at": "6, 1 cm"},
             "beyond the edge of the flat",
         ),
-        ("half_ellipsoid", {"weights": 0.01, "at": "45 mm"}, "at: '45 mm' has 1 num"),
+        ("half_ellipsoid", {"weights": "10 g", "at": "45 mm"}, "at: '45 mm' has 1 num"),
     ],
 )
 def test_impossible_bodies_are_refused(make, wrong, words):

@@ -168,15 +168,20 @@ def test_spins_with_units_are_refined_like_plain_ones(tmp_path):
         "axes": {"theta": theta},
         "refine": {"levels": 2},
     }
-    spin = {"n_i": ["-60 rpm", "20 rpm", -0.1, "-30 rpm"], "omega_xy0": ["5 rpm", 0.1]}
-    sweeping.sweep(tmp_path / "rpm", MAP | {"bodies": bodies, "spin": spin})
+    spin = {
+        "n_i": ["-60 rpm", "20 rpm", "-0.1 sqrt(g/a)", "-30 rpm"],
+        "omega_xy0": ["5 rpm", "0.1 sqrt(g/a)"],
+    }
+    horizon = {"t": f"{MAP['horizon']['t']} sqrt(a/g)"}
+    in_units = MAP | {"bodies": bodies, "horizon": horizon}
+    sweeping.sweep(tmp_path / "rpm", in_units | {"spin": spin})
     stored = open_stored(tmp_path / "rpm")
     cases = stored.cases
     spin = {
-        "n_i": [case.n_i for case in cases[::2]],
-        "omega_xy0": [c.omega_xy0 for c in cases[:2]],
+        "n_i": [f"{float(case.n_i)!r} sqrt(g/a)" for case in cases[::2]],
+        "omega_xy0": [f"{float(case.omega_xy0)!r} sqrt(g/a)" for case in cases[:2]],
     }
-    sweeping.sweep(tmp_path / "plain", MAP | {"bodies": bodies, "spin": spin})
+    sweeping.sweep(tmp_path / "plain", in_units | {"spin": spin})
     plain = open_stored(tmp_path / "plain").read()
     assert len(plain) < 8 * 17
     assert same_bits(stored.read(plain.schema.names), plain)

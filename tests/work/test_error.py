@@ -413,10 +413,10 @@ def test_every_method_has_constants_and_another_one_is_refused():
 @pytest.mark.parametrize(
     ("surface", "losses", "message"),
     [
-        ({}, {"pivot": 1e-3, "rolling": 1e-3}, "paraboloid with rolling_pivoting"),
-        ({}, {"mu": 0.3, "rolling": 1e-3}, "paraboloid with rolling and sliding"),
-        ({}, {"mu": 0.3, "pivot": 1e-3}, "paraboloid with pivoting and sliding"),
-        ({"c": 1.0}, {"mu": 0.3}, "ellipsoid with sliding"),
+        ({}, {"pivot": 1e-3, "rolling": 1e-3}, "paraboloid with rolling and pivot"),
+        ({}, {"mu": 0.3, "rolling": 1e-3}, "paraboloid with rolling and mu"),
+        ({}, {"mu": 0.3, "pivot": 1e-3}, "paraboloid with pivot and mu"),
+        ({"c": 1.0}, {"mu": 0.3}, "ellipsoid with mu"),
     ],
 )
 def test_friction_without_calibrated_errors_is_refused(surface, losses, message):

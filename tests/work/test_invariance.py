@@ -71,7 +71,7 @@ FRICTION = {
     "mu": ({"mu": [0.2, 0.4]}, ["t_slide", "slide_work"]),
     "pivot": ({"pivot": [2e-3, 1e-2]}, ["t_held", "held_time", "pivot_work"]),
     "both": (
-        {"mu": [0.2, 0.4], "pivot": 1e-2},
+        {"mu": [0.1, 0.3], "pivot": 2e-3},
         ["t_slide", "slide_work", "t_held", "held_time", "pivot_work"],
     ),
 }
@@ -81,12 +81,13 @@ FRICTION = {
     "name", ["mu", "pivot", pytest.param("both", marks=pytest.mark.slow)]
 )
 def test_runs_with_friction(name, tmp_path):
-    """They slide, or their spin is held, in each of them at other times."""
+    """They slide, or their spin is held, each at times of its own."""
     losses, columns = FRICTION[name]
     config = changed(FULL, dissipation=losses, record=["contact"])
     sweep(tmp_path / "whole", config, threads=1)
     rows = open_stored(tmp_path / "whole").read().to_pandas()
-    assert rows[columns[0]].notna().mean() > 0.5
+    for column in {"t_slide", "t_held"} & set(columns):
+        assert rows[column].notna().mean() > 0.2
     for index in (1, 2, 0):
         shard = Shard(index, 3)
         threads = min(2, available_threads())

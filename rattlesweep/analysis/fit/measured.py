@@ -12,7 +12,7 @@ from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.si import number
 from rattlesweep.quantities import ANGLES
-from rattlesweep.units import separate_error
+from rattlesweep.units import InSI, separate_error
 
 # Keys of bodies with a size that may have an error, and those of bodies without.
 _SIZES = (
@@ -50,7 +50,8 @@ class MeasuredBody:
 
     def remade(self, values: Mapping[str, float]) -> Rattleback:
         """Return the body with other values of some keys, or raise a ValueError."""
-        return body_from({**self.keys, **values}, in_si=True)
+        in_si = {name: InSI(value) for name, value in values.items()}
+        return body_from({**self.keys, **in_si})
 
     def size(self, name: str) -> float:
         """Return the value of a key in SI units, or raise a ConfigError."""
@@ -93,10 +94,10 @@ def _number_or_text(text: str) -> float | str:
         return text
 
 
-def measured_body(values: Mapping[str, object], in_si: bool = True) -> MeasuredBody:
+def measured_body(values: Mapping[str, object]) -> MeasuredBody:
     """Return the body of a mapping as for `body_from`, in which numbers have errors."""
     keys, errors = separate(values)
-    body = body_from(keys, in_si=in_si)
+    body = body_from(keys)
     known = NUMBERS
     if keys.keys() & {"shape", "mesh", "mass"}:
         known = _SIZES

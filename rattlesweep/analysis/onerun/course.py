@@ -509,7 +509,7 @@ class Course:
 
 def _excess(seen: Floats) -> Floats:
     """Return the ratio of observed forces above a common coefficient of friction."""
-    _, _, normal, tangential = seen
+    _, _, normal, tangential, _ = seen
     with np.errstate(all="ignore"):  # a failing run may overflow
         excess: Floats = np.nan_to_num(tangential / np.abs(normal) - COMMON_FRICTION)
     return excess

@@ -23,9 +23,7 @@ from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.integrate.lanes.events import PIECE_ANGLE
 from rattlesweep.integrate.lanes.lane import SLIP_SPEED
-from rattlesweep.physics.si import NATURAL
-from rattlesweep.quantities import RATE
-from rattlesweep.units import quantity, require_unit
+from rattlesweep.units import NATURAL, natural_number, quantity, require_unit
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.follow import Follower, Samples
@@ -44,7 +42,7 @@ SMOOTH = 1e-6
 _ROUNDING = 1e-14  # of a value
 
 # The kinds of quantities whose units follow from the size of the body.
-_KINDS = {unit: kind for kind, unit in NATURAL.items()} | {RATE: "spin"}
+_KINDS = {unit: kind for kind, unit in NATURAL.items()}
 NO_SECTIONS = {
     "t": "it only grows; choose rows by times instead",
     "sliding": "it jumps; the begin and end of slides are known without one",
@@ -70,13 +68,11 @@ class Section:
     value: float  # in the units of the body
 
     @classmethod
-    def parse(
-        cls, text: object, model: str, units: Units | None, *, needs_unit: bool = False
-    ) -> Section:
+    def parse(cls, text: object, model: str, units: Units | None) -> Section:
         """Read a text such as ``omega_y``, ``omega_y=0.1+`` or ``n=-60 rpm-``.
 
-        With `needs_unit`, a number needs one if the body has a size, as those of the
-        command line do.  Raise a ConfigError for what is not a section of the model.
+        Raise a ConfigError for what is not a section of the model, and for a number
+        without a unit if the body has a size.
         """
         match = re.fullmatch(r"\s*(\w+)\s*(?:=\s*(.+?)\s*)?([+-]?)\s*", str(text))
         if match is None:
@@ -89,9 +85,9 @@ class Section:
             raise ConfigError(f"section: {name} has none: {NO_SECTIONS[name]}")
         channel = choose_channels([name], model)[0]
         try:
-            value = _value(level, _KINDS.get(channel.unit), units, needs_unit)
+            value = _value(level, _KINDS.get(channel.unit), units)
         except ConfigError:
-            raise  # it names the option
+            raise  # it names the argument
         except ValueError as error:
             raise ConfigError(f"section: {one_line(level)} {error}") from None
         return cls(channel, level, sign, value)
@@ -111,13 +107,14 @@ class Section:
         return f"{self.channel.name}={self.level}{self.sign}"
 
 
-def _value(
-    level: str, kind: str | None, units: Units | None, needs_unit: bool
-) -> float:
+def _value(level: str, kind: str | None, units: Units | None) -> float:
     """Return a level in the units of the body; raise a ValueError that says why not."""
     try:
         value = float(level)
     except ValueError:
+        natural = natural_number(level, kind) if kind else None
+        if natural is not None:
+            return float(natural)
         if units is None or kind is None:
             raise ValueError(
                 "is not a number; only spins, times, lengths and energies of a body "
@@ -126,8 +123,8 @@ def _value(
         return float(units.natural(quantity(level, kind), kind))
     if not math.isfinite(value):
         raise ValueError("is not finite")
-    if needs_unit and units is not None and kind is not None:
-        require_unit("--section", value, kind)
+    if units is not None and kind is not None:
+        require_unit("section", value, kind)
     return value
 
 

@@ -36,7 +36,6 @@ WAYS = ("preset", "shape", "mesh", "mass", "f_sd")
 def body_from(
     values: Mapping[str, object],
     spelled: Callable[[str], str] = str,
-    in_si: bool = False,
 ) -> Rattleback:
     """Return the body of a mapping; raise a ConfigError if no body is described.
 
@@ -51,9 +50,6 @@ def body_from(
         angle may be given as ``xi``, ``xi_deg`` or ``minus_xi_deg``.
     spelled : callable
         Returns how messages spell a key, such as an option of a command.
-    in_si : bool
-        Whether numbers of bodies with a size are in SI units; otherwise each needs a
-        unit, as a person who writes ``mass: 60`` may mean grams.
     """
     values = _with_skew_in_radians(dict(values), spelled)
     way, make = _maker(values)
@@ -87,12 +83,12 @@ def body_from(
                 *ways, last = map(spelled, WAYS)
                 sentence += f", or give {', '.join(ways)} or {last}"
             raise ConfigError(sentence)
-    if way in ("shape", "mesh", "mass") and not in_si:
+    if way in ("shape", "mesh", "mass"):
         for key, value in values.items():
             if key == "points":
                 require_units_of_points(spelled(key), value)
             if key in SIZE_KINDS:
-                require_unit(spelled(key), value, SIZE_KINDS[key])
+                require_unit(spelled(key), value, SIZE_KINDS[key], of_size=True)
     semi_axis = None
     if way == "f_sd":
         semi_axis = values.pop("c", None)
@@ -135,7 +131,7 @@ def require_units_of_points(name: str, points: object) -> None:
     """
     for point in points if isinstance(points, list | tuple) else ():
         if isinstance(point, list | tuple) and point:
-            require_unit(name, point[0], "mass")
+            require_unit(name, point[0], "mass", of_size=True)
 
 
 def preset_of(name: object, where: str) -> Rattleback:

@@ -184,6 +184,13 @@ class ShapeBodies:
         sizes = dict(zip(source.sizes, corners, strict=True))
         bodies = self._shaped(sizes)
         _check(bodies, "bodies", sizes)
+        outside = {name: sizes[name] for name in ("length", "width", "height")}
+        wall = source.fixed.get("wall", np.inf)
+        volume = si.half_ellipsoid_volume(**outside, wall=wall)
+        try:
+            si.check_density(sizes["mass"], volume)
+        except ValueError as error:
+            raise ConfigError(f"bodies.mass: {error}") from None
         self.fields = run_fields(bodies.units, bodies.carried)
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:

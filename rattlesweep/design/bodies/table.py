@@ -49,6 +49,7 @@ from rattlesweep.quantities import (
     QUANTITIES,
     SURFACE_CONSTANTS,
 )
+from rattlesweep.units import NATURAL
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -492,7 +493,7 @@ def _without_units(columns: dict[str, Floats], where: str) -> Units | None:
         if name not in columns:
             continue
         sizes: tuple[str, ...] = ()
-        if "M" in si.NATURAL.get(kind, ""):
+        if "M" in NATURAL.get(kind, ""):
             sizes = ("mass_kg", "height_m")
         elif kind != "angle":
             sizes = ("height_m",)

@@ -16,14 +16,16 @@ from rattlesweep.design.config.schema import (
     Surfaced,
 )
 from rattlesweep.design.config.values import AT_REST
+from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.quantities import (
     ANGLES,
     CONSTANT_OF_SURFACE,
     LOSSES,
+    QUANTITIES,
     SURFACE_CONSTANTS,
 )
-from rattlesweep.units import with_article
+from rattlesweep.units import require_unit, with_article
 
 Clash = tuple[str, str]  # dotted key and message
 SETTING_KEYS = {
@@ -93,6 +95,8 @@ def _launches(config: Config) -> Iterator[Clash]:
 
 def _units(config: Config) -> Iterator[Clash]:
     """Refuse units before any body is drawn; the rows of a table may have a size."""
+    if config.bodies.has_size:
+        yield from numbers_without_unit(config)
     if config.bodies.has_size is not False:
         return
     for name, values in config.settings.items():
@@ -104,6 +108,19 @@ def _units(config: Config) -> Iterator[Clash]:
                 "or take source: shape, the preset KL, or a table with height_m and "
                 "mass_kg",
             )
+
+
+def numbers_without_unit(config: Config) -> Iterator[Clash]:
+    """Yield the numbers of a config that need a unit, as its bodies have a size."""
+    for name, values in config.settings.items():
+        kind = QUANTITIES[name].kind
+        numbers = [value.natural for value in values if value.natural is not None]
+        try:
+            if kind:
+                require_unit(SETTING_KEYS[name], numbers, kind)
+        except ConfigError as error:
+            key, _, sentence = str(error).partition(": ")
+            yield key, sentence
 
 
 def _dissipation(config: Config) -> Iterator[Clash]:
@@ -252,6 +269,14 @@ def _shape(bodies: ShapeSource) -> Iterator[Clash]:
         yield (
             "bodies.samples",
             "no key is a range, so all bodies are equal; leave it out",
+        )
+    thinnest = min(bodies.length[0] / 2, bodies.width[0] / 2, bodies.height[0])
+    if bodies.wall is not None and bodies.wall >= thinnest:
+        yield (
+            "bodies.wall",
+            "the wall is not thinner than the stone, which has "
+            f"{1e3 * thinnest:g} mm from its middle to its surface; leave wall out if "
+            "it is solid",
         )
     if (bodies.weights is None) != (bodies.at is None):
         yield "bodies.weights", "weights and at belong together; give both"

@@ -34,6 +34,7 @@ from rattlesweep.design.config.values import (
     one_of,
     pair_of_lengths,
     quantity_or,
+    size_of,
 )
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
@@ -49,7 +50,7 @@ from rattlesweep.quantities import (
     Loss,
     law_of,
 )
-from rattlesweep.units import Quantity, Setting
+from rattlesweep.units import Quantity, Setting, without_unit
 
 MAX_CASES = 100_000
 FROM_TABLE = "table"  # stands for values that the rows of a table give
@@ -414,23 +415,23 @@ class GridSource(with_constants(Surfaced, Several)):  # type: ignore[misc]
         return axes
 
 
-def _size(kind: str) -> OrText:
-    """Return a number in SI units or a text with a unit, within limits of a kind."""
-    low, high, unit = LIMITS[kind]
+def _angle() -> OrText:
+    """Return a number in radians or a text with a unit, within limits."""
+    low, high, unit = LIMITS["angle"]
     number = Annotated[float, Field(ge=low, le=high)]
-    return quantity_or(number, kind, f"in {unit}", is_limited=True)
+    return quantity_or(number, "angle", f"in {unit}", is_limited=True)
 
 
-Length = Annotated[float, _size("length")]
-Mass = Annotated[float, _size("mass")]
-Angle = Annotated[float, _size("angle")]
-Coordinate = Annotated[float, quantity_or(float, "length", "in m")]
+Length = Annotated[float, size_of("length")]
+Mass = Annotated[float, size_of("mass")]
+Angle = Annotated[float, _angle()]
+Coordinate = Annotated[float, size_of("length", is_limited=False, may_be_zero=True)]
 Place = Annotated[TwoOf[Coordinate], BeforeValidator(pair_of_lengths)]
 
 
 class ShapeSource(Base):
-    """Bodies of a shape; keys that are ranges are drawn for each sample. Numbers
-    without a unit are in m, kg and rad.
+    """Bodies of a shape; keys that are ranges are drawn for each sample. Sizes need
+    a unit; a skew without one is in rad.
     """
 
     source: Literal["shape"] = key(..., "Bodies of a shape and a size.")
@@ -495,10 +496,13 @@ def _point_masses(value: object) -> object:
                 raise ValueError(
                     "is no point [mass, [x, y, z]], as [7.5 g, [45, -9, 0]]"
                 )
+            if isinstance(point[0], int | float):
+                wrong = without_unit(point[0], "mass", of_size=True)
+                raise ValueError(f"{point[0]:g} {wrong}")
     return value
 
 
-Density = Annotated[float, quantity_or(Positive, "density", "in kg/m^3")]
+Density = Annotated[float, size_of("density", is_limited=False)]
 Part = float | str | list[float | str]
 MeshPoint = list[Part]  # mass and place, which `physics.mesh.reading` checks
 
@@ -965,7 +969,7 @@ class Stone(Base):
     """What is known of a stone, and the names of the unknowns; see `docs/fit.md`."""
 
     body: dict[str, object]
-    free: list[str]
+    free: list[str] = []
     launch: dict[str, object] = {}
     dissipation: Losses = Field(default_factory=Losses)  # type: ignore[valid-type]
     error: float | str | None = None

@@ -13,18 +13,28 @@ from pydantic import (
     Field,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
+    WithJsonSchema,
 )
 from pydantic_core import CoreSchema, core_schema
 
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import not_one_of
 from rattlesweep.physics.si import outside
-from rattlesweep.units import KINDS, Quantity, quantities, split
+from rattlesweep.units import (
+    KINDS,
+    Natural,
+    Quantity,
+    natural_number,
+    quantities,
+    split,
+    without_unit,
+)
 
 T = TypeVar("T")
 MAX_AXIS = 10**6
 _ROUNDING = 2e-15  # relative error of a computed power
 NO_UNIT_VECTOR = "u must be a vector of length 1 with u_z below 0, as [0, 0, -1]"
+NOTHING: dict[str, object] = {"not": {}}  # the JSON Schema of no value
 AT_REST = "the body stands upright and at rest; give it an angular velocity"
 
 
@@ -65,9 +75,13 @@ class OrText:
         def validate(
             value: object, item_of: core_schema.ValidatorFunctionWrapHandler
         ) -> object:
-            if isinstance(value, str):
-                return self.read(value)
-            return item_of(value)
+            if not isinstance(value, str):
+                return item_of(value)
+            found = self.read(value)
+            if isinstance(found, Natural):
+                # It has the limits of a plain number.
+                return Natural(item_of(float(found)), found.text)
+            return found
 
         return core_schema.no_info_wrap_validator_function(
             validate,
@@ -78,7 +92,10 @@ class OrText:
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, object]:
-        return {"anyOf": [handler(schema), self.text]}
+        other = handler(schema)
+        if other == NOTHING:
+            return self.text
+        return {"anyOf": [other, self.text]}
 
 
 def as_written(value: object) -> object:
@@ -98,6 +115,9 @@ def quantity_or(
     def read(text: str) -> object:
         if text in words:
             return text
+        natural = natural_number(text, kind) if unit else None
+        if natural is not None:
+            return natural
         if split(text)[0] is None:
             numbers = f"give a number {unit}, or one with a unit, such as {example}"
             raise ValueError(f"is not a number; {numbers}")
@@ -110,6 +130,20 @@ def quantity_or(
         return size
 
     return OrText(item, read, {"type": "string", "examples": [example]})
+
+
+def size_of(kind: str, is_limited: bool = True, may_be_zero: bool = False) -> OrText:
+    """Return a size of a body, a text with a unit; numbers are refused."""
+
+    def refuse(number: float) -> float:
+        if may_be_zero and number == 0:
+            return number
+        raise ValueError(f"{number:g} {without_unit(number, kind, of_size=True)}")
+
+    of_text = quantity_or(float, kind, "", is_limited=is_limited)
+    schema = {"type": "number", "const": 0} if may_be_zero else NOTHING
+    number = Annotated[float, AfterValidator(refuse), WithJsonSchema(schema)]
+    return OrText(number, of_text.read, of_text.text)
 
 
 def number_or(item: object, *words: str) -> OrText:
@@ -281,10 +315,14 @@ Range = Annotated[
 
 
 def pair_of_lengths(value: object) -> object:
-    """Return a text such as ``45, -9 mm`` as two lengths in m."""
-    if isinstance(value, str):
-        return quantities(value, "length", 2)
-    return value
+    """Return a text such as ``45, -9 mm`` as two texts with units."""
+    if not isinstance(value, str):
+        return value
+    quantities(value, "length", 2)
+    first, second = map(str.strip, value.split(","))
+    if not split(first)[1]:
+        first += f" {split(second)[1]}"
+    return [first, second]
 
 
 def normalised(u: ArrayLike) -> Floats:

@@ -429,11 +429,13 @@ def _climb(lane: Lane) -> bool:
 
 @njit(**INNER)
 def _bracket_peak(lane: Lane) -> bool:
-    """Return whether the function may have a new extreme in the step LO..HI."""
+    """Set LO..HI to the step if it may have a new extreme; return whether it may."""
     k = int(lane.searched) - FIRST_EXTREME
+    if not may_exceed_of(k, lane):
+        return False
     lane.tries = 0.0
     lane.lo, lane.hi = points_of(k, lane)
-    return bool(may_exceed_of(k, lane))
+    return True
 
 
 @njit(**INNER)

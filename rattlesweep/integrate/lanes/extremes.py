@@ -145,6 +145,8 @@ EXTREMES = (
 )
 """The extremes, in the order in which they are searched."""
 
-points_of = choice({k: each.points for k, each in enumerate(EXTREMES)})
-may_exceed_of = choice({k: each.may_exceed for k, each in enumerate(EXTREMES)})
-keep_of = choice({k: each.keep for k, each in enumerate(EXTREMES)})
+points_of = choice({k: each.points for k, each in enumerate(EXTREMES)}, inline=True)
+may_exceed_of = choice(
+    {k: each.may_exceed for k, each in enumerate(EXTREMES)}, inline=True
+)
+keep_of = choice({k: each.keep for k, each in enumerate(EXTREMES)}, inline=True)

@@ -188,22 +188,25 @@ call = _calling(types.none)
 call_for_pair = _calling(types.UniTuple(types.intp, 2))
 
 
-def choice(functions: Mapping[float, Callable[..., R]]) -> Callable[..., R]:
+def choice(
+    functions: Mapping[float, Callable[..., R]], *, inline: bool = False
+) -> Callable[..., R]:
     """Return ``one_of(key, *arguments)``, which calls the function of a key.
 
-    For any other key, it calls the last one.
+    For any other key, it calls the last one.  ``inline`` is for small functions.
     """
+    compiled = njit(forceinline=inline, **INNER)
     (first, own), *others = functions.items()
     if not others:
 
-        @njit(**INNER)
+        @compiled
         def last(key, *arguments):
             return own(*arguments)
 
         return last  # type: ignore[no-any-return]
-    rest = choice(dict(others))
+    rest = choice(dict(others), inline=inline)
 
-    @njit(**INNER)
+    @compiled
     def one_of(key, *arguments):
         if key == first:
             return own(*arguments)
@@ -260,7 +263,6 @@ class Fields:
 
     # The run.
     run: Number  # index, or -1 in an empty lane
-    mode: Number  # ROLLING, ...
     t: Number  # time
     t_low: Number  # its low part in a compensated sum
     t_end: Number  # horizon
@@ -367,6 +369,9 @@ class Fields:
     slide_time: Number  # time spent in those that have ended
     h_rolling: Number  # size of the step before the last slide
     refused: Number  # status of a body that can neither roll nor slide at launch, or 0
+
+    # Modes (modes.py).
+    mode: Number  # ROLLING, SLIDING, ...
 
     # Spins held at zero; used by models with pivoting friction.
     slack: Number  # by how much the spin may be on the wrong side of zero

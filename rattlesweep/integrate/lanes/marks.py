@@ -32,4 +32,4 @@ MARKS = (Mark("t_half", above_half),)
 """The marks, in the order of their columns in a Recording."""
 
 
-value_of = choice({k: mark.value for k, mark in enumerate(MARKS)})
+value_of = choice({k: mark.value for k, mark in enumerate(MARKS)}, inline=True)

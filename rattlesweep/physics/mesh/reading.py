@@ -23,7 +23,6 @@ from rattlesweep.units import quantities, quantity
 
 FORMATS = (".stl", ".obj", ".ply", ".3mf")
 SIZES = 1e-3, 3.0  # of the longest side in m
-DENSITIES = 5.0, 23_000.0  # in kg/m^3: from foam to osmium
 # A number for a place that is this share of the mesh may be in m instead of its unit.
 TINY_PLACE = 2e-3
 
@@ -58,7 +57,7 @@ def read_standing(
             weighed = solid.mass(
                 density=si.number(density or 0.0, "density", "density")
             )
-        _check_density(weighed.mass / solid.volume)
+        si.check_density(weighed.mass, solid.volume)
         weights = [_point(each, scale, unit, solid) for each in points]
         return stand(solid, weighed.with_points(weights), direction, g)
     except OSError as error:
@@ -158,15 +157,6 @@ def _check_size(extent: float, unit: str) -> None:
         f"the mesh is {extent:.4g} m long if its unit is {unit}; from {low:g} to "
         f"{high:g} m is allowed; give its unit, such as mm, cm, inch or m"
     )
-
-
-def _check_density(density: float) -> None:
-    low, high = DENSITIES
-    if not low <= density <= high:
-        raise ValueError(
-            f"the density is {density:,.4g} kg/m^3; from {low:g} (foam) to {high:,.0f} "
-            "(osmium) is allowed; check the unit of the mesh and the mass"
-        )
 
 
 def _direction(up: Sequence[float]) -> Floats:

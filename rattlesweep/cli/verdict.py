@@ -1,0 +1,124 @@
+"""The command that tells whether a stone turns back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from click import option
+
+from rattlesweep.cli import options
+from rattlesweep.cli.given import body_of, flag, of_option, read_stone
+from rattlesweep.cli.options import (
+    DONE,
+    SOME_FAILED,
+    command,
+    pick,
+    probe_files,
+    say,
+    to_json,
+)
+from rattlesweep.errors import ConfigError
+from rattlesweep.quantities import LOSSES
+
+
+@command(
+    "One run",
+    "rattlesweep verdict configs/fit/stone.yaml --pivot 54um --figure verdict.png",
+    "rattlesweep verdict --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg",
+    "rattlesweep verdict --mesh stone.stl --mass 60g --spin 60rpm --spin 90rpm",
+    "rattlesweep verdict --preset GH --length 1cm",
+)
+@options.path("stone", required=False)
+@option(
+    "--spin",
+    type=options.TURNS_A_TIME,
+    multiple=True,
+    default=["30rpm", "60rpm", "120rpm"],
+    help="Spin of a launch in both directions; may be repeated.",
+)
+@option(
+    "--push",
+    type=options.TURNS_A_TIME,
+    default="6rpm",
+    help="Initial oscillation, which a hand always gives: 6 rpm tilt a stone of 12 cm "
+    "by about 1 degree.",
+)
+@option(
+    "--t-end",
+    type=options.SECONDS,
+    default="20s",
+    help="How long the stone is watched.",
+)
+@option(
+    "--samples",
+    type=options.NUMBER,
+    default=64,
+    help="Stones drawn from the errors of what was measured.",
+)
+@options.body_options
+@option(
+    "--length",
+    type=options.HEIGHT,
+    help="Height of the centre of mass, for a body without a size.",
+)
+@options.dissipation
+@options.figure
+@options.as_json
+@options.quiet
+def verdict(
+    stone: Path | None,
+    spin: tuple[str, ...],
+    push: str,
+    t_end: str,
+    samples: int,
+    length: float | None,
+    figure: Path | None,
+    as_json: bool,
+    quiet: bool,
+    **given: Any,
+) -> int:
+    """Tell whether a stone turns back in both directions, when, and how sure that is.
+
+    STONE is a file as for `fit`, of which body and dissipation count; or options
+    describe the body. Each launch runs without friction, and once more with the
+    friction of STONE or of the options.  It turns back if the spin on the other side
+    exceeds a quarter of the launch.  Where STONE has errors, as in 60 +- 1 g, stones
+    drawn from them tell how sure the verdict is. docs/verdict.md explains the table.
+    Exits with 3 if a run ends with a status other than ok, as where a stone rolls past
+    its rim.
+    """
+    from rattlesweep.api.verdicts import verdict_on
+
+    probe_files(figure)
+    losses = pick(given, *LOSSES)
+    if stone is None:
+        body: Any = body_of(given)
+    else:
+        for name in pick(given, *given):
+            raise ConfigError(f"{flag(name)}: STONE has its own body; leave it out")
+        known = read_stone(stone)
+        body = known["body"]
+        losses = pick(known, *LOSSES) | losses
+    try:
+        found = verdict_on(
+            body, spin, push, t_end, samples=samples, length=length, **losses
+        )
+    except ConfigError as error:
+        names = ("spin", "push", "t_end", "samples", "length", *LOSSES)
+        raise ConfigError(
+            [of_option(message, names) for message in error.messages]
+        ) from None
+    if as_json:
+        click.echo(to_json(found.to_dict()))
+    else:
+        click.echo(str(found))
+    if figure is not None:
+        found.plot(figure)
+    if not quiet:
+        for remark in found.remarks:
+            say(f"warning: {remark}")
+    if (found.table["status"] != "ok").any():
+        return SOME_FAILED
+    return DONE

@@ -1,0 +1,228 @@
+"""`verdict`: its table against the same launches one by one, its words, refusals."""
+
+import json
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from refusal import assert_refused
+from sweeping import ROOT, invoke
+
+import rattlesweep as rs
+from rattlesweep.analysis.verdict import judged, sentence_of
+
+STONE = {
+    "shape": "half_ellipsoid",
+    "length": "12 cm",
+    "width": "3 cm",
+    "height": "12 mm",
+    "mass": "60 g",
+    "skew": "3 deg",
+}
+BODY = rs.Rattleback.half_ellipsoid(**{k: v for k, v in STONE.items() if k != "shape"})
+OPTIONS = ("--half-ellipsoid", "12cm,3cm,12mm", "--mass", "60g", "--skew", "3deg")
+SENSES = {"counterclockwise": 1, "clockwise": -1}
+
+
+@pytest.fixture(scope="module")
+def found():
+    return rs.verdict(BODY, pivot="54 um", progress=False)
+
+
+def test_the_table_is_that_of_single_runs(found):
+    """The first reversals, their number and the begin of rest, to the last bit."""
+    table = found.table
+    assert list(table["friction"].unique()) == ["none", "pivot 54 um"]
+    assert len(table) == 12
+    for row in table.to_dict("records"):
+        losses = {} if row["friction"] == "none" else {"pivot": "54 um"}
+        n_i = SENSES[row["direction"]] * row["spin_rpm"]
+        run = rs.trajectory(
+            BODY, n_i=f"{n_i} rpm", omega_xy0="6 rpm", t_end="20 s", points=2, **losses
+        )
+        unit = BODY.units.time
+        assert row["reversals"] == len(run.reversals)
+        if row["outcome"] == "turns back":
+            assert row["t_s"] == pytest.approx(run.reversals[0] * unit, rel=1e-12)
+            assert 0 < row["error_s"] < 1e-7 * row["t_s"]
+        else:
+            assert not len(run.reversals)
+        assert row["sure"]
+        once = rs.simulate(
+            BODY, n_i=f"{n_i} rpm", omega_xy0="6 rpm", t_end="20 s", **losses
+        )
+        if row["outcome"] == "stops":
+            assert once.t_r is None
+            assert row["held_s"] == pytest.approx(once.t_held * unit, rel=1e-12)
+
+
+def test_the_first_line(found):
+    assert str(found).splitlines()[0] == found.sentence
+    assert found.sentence == (
+        "Turns back when spun counterclockwise at 30 to 120 rpm, after 1.1 to 1.3 s. "
+        "Spun clockwise it turns back at 60 and 120 rpm, after 4.1 to 4.7 s, but stops "
+        "at 30 rpm."
+    )
+    mirrored = rs.verdict(BODY.mirrored(), spin="60 rpm", progress=False)
+    assert mirrored.sentence.startswith("Turns back when spun clockwise at 60 rpm")
+    times = found.table.query("friction == 'none' and spin_rpm == 60")["t_s"]
+    assert list(mirrored.table["t_s"]) == pytest.approx(list(times), rel=1e-9)
+
+
+def test_a_figure(found, tmp_path):
+    figure = found.plot(tmp_path / "verdict.png")
+    assert (tmp_path / "verdict.png").stat().st_size > 10_000
+    assert [axes.get_title() for axes in figure.axes] == [""] * 6
+    labels = [axes.get_title(loc="right") for axes in figure.axes]
+    assert labels[3:] == [
+        "stops after 4.3 s",
+        "turns back after 4.7 s",
+        "turns back after 4.1 s",
+    ]
+
+
+def test_stones_within_the_errors():
+    stone = STONE | {"skew": "3 +- 0.2 deg", "height": "12 +- 0.1 mm"}
+    found = rs.verdict(
+        stone, spin=["60 rpm"], samples=32, pivot="54 +- 5 um", progress=False
+    )
+    rows = found.table.set_index(["direction", "friction"])
+    assert (rows["samples"] == 32).all()
+    sure = rows.loc["counterclockwise"]
+    assert (sure["share"] == 1).all()
+    assert (sure["low_s"] < sure["t_s"]).all()
+    assert (sure["t_s"] < sure["high_s"]).all()
+    unsure = rows.loc["clockwise", "pivot 54 +- 5 um"]
+    assert 0 < unsure["share"] < 1
+    assert not unsure["sure"]
+    assert found.sentence.endswith("Not sure: 60 rpm clockwise.")
+    # The ends of what was measured, one by one.
+    for sign in (-2, 2):
+        body = rs.Rattleback.half_ellipsoid(
+            **{k: v for k, v in STONE.items() if k not in ("shape", "skew")},
+            skew=f"{3 + sign * 0.2} deg",
+        )
+        run = rs.simulate(body, n_i="60 rpm", omega_xy0="6 rpm", t_end="20 s")
+        low, high = sure.loc["none", ["low_s", "high_s"]]
+        assert low * 0.9 < run.t_r_s < high * 1.1
+
+
+def test_samples_that_are_no_stones():
+    stone = STONE | {"height": "12 +- 8 mm"}
+    found = rs.verdict(stone, spin="60 rpm", samples=16, t_end="2 s", progress=False)
+    assert "of 16 samples are no stones, for example: height" in found.remarks[0]
+    assert 0 < found.table["samples"].iloc[0] < 16
+
+
+def test_a_stone_that_rolls_past_its_rim():
+    found = rs.verdict(BODY, spin=["150 rpm", "250 rpm"], progress=False)
+    row = found.table.iloc[1]
+    assert (row["outcome"], row["status"]) == ("rolls past its rim", "rim")
+    assert found.sentence.startswith(
+        "Turns back when spun counterclockwise at 150 rpm, after 1.6 s, but rolls past "
+        "its rim at 250 rpm."
+    )
+
+
+def rows_of(outcomes, direction="clockwise", times=(1.0, 2.0, 3.0)):
+    return pd.DataFrame(
+        {
+            "direction": direction,
+            "spin_rpm": [30.0, 60.0, 120.0],
+            "outcome": outcomes,
+            "t_s": times,
+            "sure": True,
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "others", "sentence"),
+    [
+        (
+            ["turns back"] * 3,
+            ["stops"] * 3,
+            "Turns back when spun clockwise at 30 to 120 rpm, after 1.0 to 3.0 s. Spun "
+            "counterclockwise it stops without turning back.",
+        ),
+        (
+            ["stops", "spins on", "spins on"],
+            ["stops", "turns back", "wobbles on"],
+            "Turns back when spun counterclockwise at 60 rpm, after 2.0 s, but stops "
+            "at 30 rpm and wobbles on at 120 rpm for 20 s. Spun clockwise it spins on "
+            "at 60 and 120 rpm for 20 s and stops at 30 rpm without turning back.",
+        ),
+        (
+            ["stops"] * 3,
+            ["hardly turns back"] * 3,
+            "Does not turn back. Spun clockwise it stops. Spun counterclockwise it "
+            "hardly turns back, after 1.0 to 3.0 s.",
+        ),
+    ],
+)
+def test_words(outcomes, others, sentence):
+    rows = pd.concat([rows_of(outcomes), rows_of(others, "counterclockwise")])
+    assert sentence_of(rows, 20.0) == sentence
+
+
+def test_what_is_not_sure():
+    runs = rows_of(["turns back", "turns back", "stops"]).drop(columns="sure")
+    tighter = rows_of(["turns back", "stops", "stops"], times=(1.01, np.nan, np.nan))
+    assert list(judged(runs, tighter, 1e-9)["sure"]) == [False, False, True]
+    runs.loc[2, "t_s"] = np.nan
+    drawn = pd.concat([runs, runs, runs.assign(outcome="stops", t_s=np.nan)])
+    table = judged(drawn, runs, 1e-9)
+    assert list(table["share"]) == [0.5, 0.5, 0.0]
+    assert list(table["sure"]) == [False, False, True]
+
+
+def test_the_command(tmp_path):
+    stone = ROOT / "configs" / "fit" / "stone.yaml"
+    launch = ("--spin", "60rpm", "--t-end", "10s")
+    text = invoke("verdict", stone, *launch).stdout
+    other = invoke("verdict", *OPTIONS, *launch).stdout
+    assert text == other
+    assert text.startswith("Turns back when spun counterclockwise at 60 rpm, after 1.1")
+    file = tmp_path / "stone.yaml"
+    file.write_text(f"body: {json.dumps(STONE)}\ndissipation: {{pivot: 54 um}}\n")
+    data = json.loads(invoke("verdict", file, "--json", *launch).stdout)
+    assert {run["friction"] for run in data["runs"]} == {"none", "pivot 54 um"}
+    assert data["runs"][0]["held_s"] is None
+    assert invoke("verdict", *OPTIONS, "--spin", "250rpm").exit_code == 3
+    sized = invoke("verdict", "--preset", "GH", "--length", "1cm", *launch).stdout
+    assert sized.startswith("Turns back when spun counterclockwise at 60 rpm")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--preset", "GH"), "--length: the body has no size"),
+        ((*OPTIONS, "--length", "1cm"), "--length: the body has a size already"),
+        ((*OPTIONS, "--spin", "60"), "--spin 60: has no unit; a spin is needed"),
+        ((*OPTIONS, "--spin", "0rpm"), "--spin: a spin above zero is needed"),
+        ((*OPTIONS, "--push", "6"), "--push 6: has no unit"),
+        ((*OPTIONS, "--pivot", "0.002"), "--pivot: 0.002 has no unit"),
+        (
+            ("--preset", "GH", "--length", "1cm", "--sigma", "1e-7 N m s"),
+            "--sigma: the body has no mass",
+        ),
+        (("STONE", "--mass", "60g"), "--mass: STONE has its own body"),
+    ],
+)
+def test_refusals(options, words):
+    stone = str(ROOT / "configs" / "fit" / "stone.yaml")
+    options = [stone if each == "STONE" else each for each in options]
+    assert_refused(invoke("verdict", *options), 2, words)
+
+
+def test_the_page(tmp_path):
+    """What the page shows is what its command prints, but for digits of errors."""
+    page = (ROOT / "docs" / "verdict.md").read_text()
+    file = tmp_path / "mine.yaml"
+    file.write_text(re.search(r"```yaml\n(.*?)```", page, re.DOTALL)[1])
+    printed = invoke("verdict", file).stdout
+    texts = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
+    shown = [text for text in texts if text.startswith("Turns back")]
+    error = re.compile(r"\de-\d\d")
+    assert [error.sub("", text) for text in shown] == [error.sub("", printed)]
