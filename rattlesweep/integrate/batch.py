@@ -17,6 +17,7 @@ from rattlesweep.arrays import Flags, Floats, Integers, put, scatter, take
 from rattlesweep.integrate import SettingError, processors
 from rattlesweep.integrate.compile import Kernel, Order, load_kernels
 from rattlesweep.integrate.lanes import kernel, modes, runs, slides
+from rattlesweep.integrate.lanes.block import block_of
 from rattlesweep.integrate.lanes.lane import INNER, LANES, Problem, addresses_of
 from rattlesweep.integrate.lanes.marks import MARKS
 from rattlesweep.integrate.lanes.runs import SHAPES, Inputs, Outputs, Recording
@@ -56,7 +57,8 @@ def problem_of(
         return Problem(None, adaptive, width)
     ways = modes.modes_of(model, rimmed)
     carried = tangents_of(model)
-    return Problem(model, adaptive, width, ways, carried, rimmed)
+    block = block_of(model) if model.slide is not None else None
+    return Problem(model, adaptive, width, ways, carried, rimmed, block)
 
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:

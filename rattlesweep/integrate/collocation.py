@@ -14,6 +14,8 @@ from numpy.polynomial import legendre
 
 from rattlesweep.arrays import Floats
 
+STAGES = 5  # of the method by which bodies slide
+
 
 class Collocation(NamedTuple):
     """Coefficients of a method of order ``2 s - 1`` with ``s`` stages."""

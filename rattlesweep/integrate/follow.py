@@ -170,6 +170,7 @@ def states_after(problem, parts, w, steps, which, offset, constants, swing, scal
             lane.h = offset[i]
             lane.slip = Slip(*first_of(row[row.size - N_SLIP :], N_SLIP))
             lane.slip1 = lane.slip
+            lane.past_h = 0.0
         call(parts[kernel.ATTEMPT], (problem, w, scale))
         if problem.slides:
             call(parts[kernel.SLIDE], (problem, w, scale, False))

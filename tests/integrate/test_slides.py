@@ -22,6 +22,7 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, vectors
 from rattlesweep.physics.readings import Shape, contact_point
+from rattlesweep.physics.sliding import cos_sin
 
 GH = oracle.GH
 DOP853 = METHODS["dop853"]
@@ -61,6 +62,14 @@ def test_collocation_is_exact_for_polynomials(stages):
     errors = method.integrals[-1] @ powers - 1 / (degrees + 1)
     assert np.abs(errors[:-1]).max() < 1e-15
     assert abs(errors[-1]) > 1e-7
+
+
+def test_cosine_and_sine_by_sums():
+    angles = np.concatenate([np.linspace(-7, 7, 2001), [0.0, 100.0, -3000.5]])
+    python = getattr(cos_sin, "py_func", cos_sin)
+    found = np.array([python(angle) for angle in angles])
+    exact = np.column_stack([np.cos(angles), np.sin(angles)])
+    assert np.abs(found - exact).max() < 3e-16
 
 
 class Slider:
@@ -197,6 +206,18 @@ def test_all_models_slide_alike():
     assert two.slide_work == pytest.approx(one.slide_work, rel=1e-8)
     free = slide(in_friction(runs), 0.3, "full_viscous")
     assert free.t_r == pytest.approx(slide(runs, 0.3).t_r, rel=1e-12)
+
+
+def test_slides_do_not_depend_on_those_beside_them():
+    runs = with_mu(sliding_sweep(), 0.1)
+    together = integrate(runs, DOP853, SLIDING["full"])
+    chosen = np.argsort(-together.n_slides)[:5]
+    for k in chosen:
+        alone = integrate(take(runs, [k]), DOP853, SLIDING["full"])
+        assert alone.n_slides == together.n_slides[k]
+        assert alone.t_end == together.t_end[k]
+        assert (alone.y_end == together.y_end[k]).all()
+        assert alone.slide_work == together.slide_work[k]
 
 
 def test_observations_do_not_change_a_run():

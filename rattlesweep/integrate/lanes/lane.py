@@ -36,6 +36,7 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from rattlesweep.arrays import Floats
+from rattlesweep.integrate.collocation import STAGES
 from rattlesweep.integrate.model import Model
 from rattlesweep.integrate.tableau import Tableau
 
@@ -151,6 +152,20 @@ def moved(context, builder, signature, args):
     return context.make_tuple(builder, signature.return_type, components)
 
 
+@intrinsic(
+    lambda typingctx, condition, yes, no: yes(types.boolean, yes, yes),
+    lambda condition, yes, no: yes if condition else no,
+)
+def chosen(context, builder, signature, args):
+    """Return one of two tuples, without a branch."""
+    condition, yes, no = args
+    components = []
+    for i in range(len(signature.return_type)):
+        pair = (builder.extract_value(each, i) for each in (yes, no))
+        components.append(builder.select(condition, *pair))
+    return context.make_tuple(builder, signature.return_type, components)
+
+
 def addresses_of(*compiled: Dispatcher) -> NDArray[np.int64] | NDArray[np.object_]:
     """Return the addresses of compiled functions, which the caller must keep alive."""
     if config.DISABLE_JIT:
@@ -256,6 +271,7 @@ Probe = tuple[float, ...]
 Tangent = tuple[float, ...]  # as many as the tangents of the model, or none
 Stage = tuple[float, ...]  # as many as the state, or none without tangents
 Lengths = tuple[float, ...]  # one for each tangent of a frame
+Past = tuple[float, ...]  # coefficients of the rates in a step of a slide
 
 
 class Fields:
@@ -369,6 +385,8 @@ class Fields:
     slide_time: Number  # time spent in those that have ended
     h_rolling: Number  # size of the step before the last slide
     refused: Number  # status of a body that can neither roll nor slide at launch, or 0
+    past_h: Number  # size of the last step of the slide, 0 if there is none
+    tried_h: Number  # the same of the step tried
 
     # Modes (modes.py).
     mode: Number  # ROLLING, SLIDING, ...
@@ -413,12 +431,14 @@ class Fields:
     # Growth of the tangents of a frame so far, with powers of two taken out.
     length: Lengths
     shifts: Lengths  # exponents of these powers
+    past: Past  # rates in the last step of a slide (block.py)
+    tried: Past  # rates in the step tried
 
 
 def _numbers_of(model: Model | None) -> dict[str, int]:
     """Return how many numbers a field has, by kinds that depend on the model."""
     if model is None:
-        kinds = "State", "Constants", "Probe", "Tangent", "Stage", "Lengths"
+        kinds = "State", "Constants", "Probe", "Tangent", "Stage", "Lengths", "Past"
         return dict.fromkeys(kinds, 0)
     tangents = model.n_tangents
     return {
@@ -428,6 +448,7 @@ def _numbers_of(model: Model | None) -> dict[str, int]:
         "Tangent": tangents * model.n_state,
         "Stage": model.n_state if tangents else 0,
         "Lengths": tangents if tangents > 1 else 0,
+        "Past": STAGES * (model.n_state + N_SLIP) if model.slide else 0,
     }
 
 
@@ -547,6 +568,7 @@ class Problem:
         modes: Modes | None = None,
         tangents: Tangents | None = None,
         rimmed: bool = False,
+        block: object = None,
     ) -> None:
         if model is not None:
             # The state of a sweep lacks the extra components of the model.
@@ -564,6 +586,7 @@ class Problem:
         if modes is not None and tangents is not None:
             self.modes = modes
             self.tangents = tangents
+        self.block = block  # of a model that slides
         self.name = f"{model.name if model else 'any'}_"
         self.name += f"{'adaptive' if adaptive else 'fixed'}_{lanes}"
         if rimmed:
@@ -839,11 +862,15 @@ def sums(
     start: int | None = None,
     factor: int | None = None,
     share: float = 1.0,
+    stride: int = 1,
 ) -> list[Sum]:
-    """Return sums for ``count`` components, with coefficients by first rows."""
+    """Return sums for ``count`` components, with coefficients by first rows.
+
+    Rows of terms are a stride apart.
+    """
     components = []
     for i in range(count):
-        shifted = tuple((number, row + i) for row, number in terms.items())
+        shifted = tuple((number, row + stride * i) for row, number in terms.items())
         row = None if start is None else start + i
         components.append(Sum(row, shifted, factor, share))
     return components

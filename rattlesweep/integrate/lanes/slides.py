@@ -3,57 +3,55 @@
 A body rolls until the force that keeps its contact point at rest exceeds ``mu`` times
 the normal force; this is the limit of the model, whose zero the lanes find as they find
 others (`lanes.events`).  From there the lane slides: its steps are those of
-:func:`try_slide` and not of ``attempt``, in the same turns as those of the other lanes,
-and everything that is observed at steps is observed as before.  It rolls again once
-the speed is zero and friction can hold the contact point, and otherwise slides on.
+:func:`slide_lanes` and not of ``attempt``, in the same turns as those of the other
+lanes, and everything that is observed at steps is observed as before.  It rolls again
+once the speed is zero and friction can hold the contact point, and otherwise slides on.
 
 The angle of sliding is stiff near the begin and the end of a slide (`physics.sliding`),
 and nothing else is.  So a step of a Radau IIA method solves its equations for the
 angle by Newton's method, which needs one derivative a stage, and for the rest by
-iteration.  Near the end of a slide steps become shorter with the speed, since the
-equations have no sense beyond its zero.
+iteration, on several lanes at once (`lanes.block`).  Near the end of a slide steps
+become shorter with the speed, since the equations have no sense beyond its zero.
 """
 
 # mypy: ignore-errors
-from math import floor, isfinite, sqrt
-from typing import NamedTuple
+from math import floor, sqrt
 
 import numpy as np
 from numba import njit
 
-from rattlesweep.integrate.collocation import radau
+from rattlesweep.integrate.collocation import STAGES, radau
 from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import STEP
 from rattlesweep.integrate.lanes.extremes import may_dip, may_peak
 from rattlesweep.integrate.lanes.lane import (
     INNER,
-    N_SLIP,
     NEVER,
     ROLLING,
     SLIDING,
     SLIP_ANGLE,
     SLIP_SPEED,
-    SLIP_WORK,
     TINY,
     Mode,
     Point,
     Slip,
-    first_of,
     lane_of,
     moved,
 )
+from rattlesweep.integrate.lanes.motion import (
+    LEAST_MOBILITY,
+    contact_of,
+    motion_at,
+)
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH, scalar
-from rattlesweep.physics.pivoting import LEAST_SPEED
 from rattlesweep.physics.sliding import (
     TWO_PI,
-    contact_at,
     meets_singularity,
     outgoing,
     push,
     settled_direction,
     slip_energy,
-    spun,
 )
 from rattlesweep.physics.stone import dot
 
@@ -64,18 +62,16 @@ LIFTS_OFF = int(Status.LIFTS_OFF)
 JAMMED = int(Status.JAMMED)
 RIM = int(Status.RIM)
 
-STAGES = 5
 METHOD = radau(STAGES)
 POINTS = METHOD.points
 INTEGRALS = METHOD.integrals
-# Legendre coefficients of the derivative, from whose decay the error is estimated.
-THIRD = METHOD.spectrum[2]
-FIFTH = METHOD.spectrum[4]
-MAX_SWEEPS = 25  # iterations of the equations of a step
+DEGREES = np.arange(STAGES)
+# From values at the stages to the derivative at the end of a step of size 1.
+END_RATES = (DEGREES * (DEGREES + 1)) @ METHOD.spectrum
+MAX_ITERATIONS = 25  # iterations of the equations of a step
 SOLVED = 1e-2  # share of the tolerance to which the equations are solved
 # Rounding errors of a state over its size: no step is more exact.
 ROUNDING = 1e-15
-LARGEST_TURN = 0.5  # of the angle in an iteration
 FAILED = 1e30  # squared error of a step whose equations were not solved
 
 BEGINNING = 1e-290  # speed at the begin of a slide
@@ -86,10 +82,11 @@ LAST_ANGLE = 1e-8
 # and it may meet the singularity.
 STEADY = 0.1
 # Fraction of the time to rest that a step leaves: at least, and at most.
-LEAST_LEFT = 0.1
+LEAST_LEFT = 0.01
 MOST_LEFT = 0.3
 FIRST_ANGLE = 0.1  # first step of a slide, in radians of the fastest swing
-LEAST_MOBILITY = 1e-3  # below it the normal force grows without bound
+# From the start of the last step, in its size: how far its rates say what follows.
+MOST_AHEAD = 2.5
 # Height left below the rim, in a, at which a zero of the limit is that of the rim.
 AT_RIM = 1e-9
 # A slide is jammed where steps become too small this short before the mobility is zero,
@@ -105,196 +102,128 @@ RESULTS = (
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def contact_of(model, y, slip, mu, constants):
-    """Return the contact of a body, ``I^-1 g``, and what `Slide.place` returns."""
-    placed = model.slide.place(y, mu * (slip.speed + LEAST_SPEED), constants)
-    _, u, omega, r, w, inertia, torque, drag = placed
-    contact, own = contact_at(u, omega, r, w, inertia, torque, drag)
-    return contact, own, placed
-
-
-@njit(fastmath=FASTMATH, **INNER)
 def contact_at_slip(lane, y, slip):
     """Return what :func:`contact_of` does for a lane's body."""
     return contact_of(lane.problem.model, y, slip, lane.mu, lane.constants)
 
 
-class Motion(NamedTuple):
-    """What a step needs of a sliding body in one state."""
-
-    f: tuple[float, ...]  # derivative of the state
-    slip: Slip  # derivative of the slip
-    stiffness: float  # derivative of the angle's rate with respect to the angle
-    normal: float  # normal force
-    mobility: float  # of the contact along the force
-    margin: float  # positive where the body can go on sliding
-
-
 @njit(fastmath=FASTMATH, **INNER)
 def motion_of(lane, y, slip):
-    """Return the :class:`Motion` of a lane's body in a state."""
-    model = lane.problem.model
-    mu = lane.mu
-    contact, own, placed = contact_of(model, y, slip, mu, lane.constants)
-    _, u, _, r, _, inertia, _, drag = placed
-    normal, mobility, along, across, slope = push(contact, mu, slip.angle)
-    turned = spun(own, u, r, inertia, drag, mu, slip.angle, normal)
-    f = model.slide.derivative(y, slip, placed, turned, normal)
-    turning = across / slip.speed - contact.turn
-    slip_rate = Slip(along, turning, -mu * normal * slip.speed)
-    margin = min(contact.need, mobility - LEAST_MOBILITY)
-    return Motion(f, slip_rate, slope / slip.speed, normal, mobility, margin)
+    """Return the motion of a lane's body in a state."""
+    return motion_at(lane.problem.model, y, slip, lane.mu, lane.constants)
+
+
+# A step, in the column of a lane in a block.
 
 
 @njit(**INNER)
-def stage_of(lane, numbers):
-    """Return state and slip in a row of numbers, the slip after the state."""
-    n = len(lane.y)
-    slip = Slip(
-        numbers[n + SLIP_SPEED], numbers[n + SLIP_ANGLE], numbers[n + SLIP_WORK]
-    )
-    return first_of(numbers, lane.problem.model.n_state), slip
+def load(lane, z, column, scale):
+    """Copy the start of a step to a column, and what the last step tells."""
+    slip = lane.slip
+    _, size = lane.problem.model.error(lane.y, lane.y, lane.constants)
+    enough = max(SOLVED * SOLVED * size / scale, squared_rounding(lane))
+    begins = slip.speed <= BEGINNING
+    # All tries from one start are guessed alike, so that a repeated one has its bits.
+    if lane.held == 0.0 and lane.search == STEP:
+        lane.past = lane.tried
+        lane.past_h = lane.tried_h
+    numbers = (slip.speed, slip.angle, slip.work)
+    settings = (lane.mu, lane.h, enough, lane.past_h, 1.0)
+    whole = lane.y + numbers + lane.constants + settings + lane.past
+    lane.problem.block.load(z, column, whole)
+    if begins or lane.past_h == 0.0:
+        now = motion_of(lane, lane.y, slip)
+        # Where the angle is stiff, its rate at the start says nothing about the step.
+        stiff = begins or abs(lane.h * now.stiffness) >= 1.0
+        turning = 0.0 if stiff else now.slip.angle
+        rates = now.f + (now.slip.speed, turning, 0.0)  # noqa: RUF005
+        go_straight(lane, z, column, rates)
 
 
 @njit(**INNER)
-def solve_angles(matrix, turns):
-    """Solve linear equations for the angles at the stages, in place."""
+def go_straight(lane, z, column, rates):
+    """Let a step be guessed from the rates at its start alone."""
+    block = lane.problem.block
     for k in range(STAGES):
-        pivot = k
-        for i in range(k + 1, STAGES):
-            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
-                pivot = i
-        if pivot != k:
-            for j in range(STAGES):
-                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
-            turns[k], turns[pivot] = turns[pivot], turns[k]
-        for i in range(k + 1, STAGES):
-            factor = matrix[i, k] / matrix[k, k]
-            for j in range(k + 1, STAGES):
-                matrix[i, j] -= factor * matrix[k, j]
-            turns[i] -= factor * turns[k]
-    for k in range(STAGES - 1, -1, -1):
-        for j in range(k + 1, STAGES):
-            turns[k] -= matrix[k, j] * turns[j]
-        turns[k] /= matrix[k, k]
+        for c in range(block.count):
+            place = (block.past + k * block.count + c) * block.width + column
+            z[place] = rates[c] if k == 0 else 0.0
+    z[block.past_h * block.width + column] = lane.h
+    z[block.offset * block.width + column] = 0.0
+
+
+@njit(**INNER)
+def rates_at_start(problem, z, column, c):
+    """Return the rate of a number at the start of a step, and the rate of this rate."""
+    block = problem.block
+    past_h = z[block.past_h * block.width + column]
+    side = 2.0 * z[block.offset * block.width + column] - 1.0
+    rate = 0.0
+    bend = 0.0
+    # Values and derivatives of Legendre's polynomials at 1 or -1.
+    sign = 1.0
+    for k in range(STAGES):
+        coefficient = z[(block.past + k * block.count + c) * block.width + column]
+        rate += sign * coefficient
+        bend += sign * side * k * (k + 1) * coefficient / past_h
+        sign *= side
+    return rate, bend
+
+
+@njit(**INNER)
+def look_ahead(lane, z, column):
+    """Do not follow the rates of the last step further than they tell."""
+    block = lane.problem.block
+    z[block.h * block.width + column] = lane.h
+    past_h = z[block.past_h * block.width + column]
+    offset = z[block.offset * block.width + column]
+    if offset + lane.h / past_h > MOST_AHEAD:
+        rates = np.empty(block.count)
+        for c in range(block.count):
+            rates[c], _ = rates_at_start(lane.problem, z, column, c)
+        go_straight(lane, z, column, rates)
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def time_to_rest(lane, now):
+def time_to_rest(lane, z, column):
     """Return the time in which the speed falls to zero, or infinity.
 
-    The speed is taken as a parabola in time, from its rates at two points; ``now`` is
-    the motion at the start of the step.
+    The speed is taken as a parabola in time.
     """
-    slip = lane.slip
-    rate = now.slip
-    if slip.speed <= BEGINNING or rate.speed >= 0.0:
+    speed = lane.slip.speed
+    rate, bend = rates_at_start(lane.problem, z, column, len(lane.y) + SLIP_SPEED)
+    if speed <= BEGINNING or rate >= 0.0:
         return np.inf
-    ahead = min(runs.DIFFERENCE / lane.swing, -0.1 * slip.speed / rate.speed)
-    next_slip = Slip(
-        slip.speed + ahead * rate.speed, slip.angle + ahead * rate.angle, slip.work
-    )
-    later = motion_of(lane, moved(lane.y, now.f, ahead), next_slip)
-    bend = (later.slip.speed - rate.speed) / ahead
-    square = rate.speed * rate.speed - 2.0 * slip.speed * bend
+    square = rate * rate - 2.0 * speed * bend
     if square <= 0.0:
         return np.inf
-    return 2.0 * slip.speed / (sqrt(square) - rate.speed)
+    return 2.0 * speed / (sqrt(square) - rate)
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def predict(lane, now, stages):
-    """Write a first guess of state and slip at the stages.
+def guess_beginning(lane, z, column):
+    """Guess direction and speed at the stages of the first step of a slide.
 
-    ``now`` is the motion at the start of the step.
+    The direction follows the force, and the speed is the integral of its rate.
     """
-    y = lane.y
-    slip = lane.slip
-    h = lane.h
-    n = len(y)
-    rate = now.slip
-    begins = slip.speed <= BEGINNING
-    # Where the angle is stiff, its rate at the start says nothing about the step.
-    turning = 0.0 if begins or abs(h * now.stiffness) >= 1.0 else rate.angle
-    for i in range(STAGES):
-        ahead = h * POINTS[i]
-        for c in range(n):
-            stages[i, c] = y[c] + ahead * now.f[c]
-        stages[i, n + SLIP_SPEED] = slip.speed + ahead * rate.speed
-        stages[i, n + SLIP_ANGLE] = slip.angle + ahead * turning
-        stages[i, n + SLIP_WORK] = slip.work
-    if not begins:
-        return
-    # The direction follows the force, and the speed is the integral of its rate.
+    block = lane.problem.block
     growths = np.empty(STAGES)
+    angle = lane.slip.angle
+    n = len(lane.y)
     for i in range(STAGES):
-        state, here = stage_of(lane, stages[i])
-        contact, _, _ = contact_at_slip(lane, state, here)
-        before = stages[max(i - 1, 0), n + SLIP_ANGLE]
-        angle, _ = settled_direction(contact, lane.mu, before)
+        state = moved(lane.y, lane.f, lane.h * POINTS[i])
+        contact, _, _ = contact_at_slip(lane, state, lane.slip)
+        angle, _ = settled_direction(contact, lane.mu, angle)
         _, _, along, _, _ = push(contact, lane.mu, angle)
-        stages[i, n + SLIP_ANGLE] = angle
+        row = block.values + (n + SLIP_ANGLE) * STAGES + i
+        z[row * block.width + column] = angle
         growths[i] = along
     for i in range(STAGES):
         speed = 0.0
         for j in range(STAGES):
-            speed += h * INTEGRALS[i, j] * growths[j]
-        stages[i, n + SLIP_SPEED] = speed
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def sweep(lane, stages, rates, stiffness):
-    """Improve state and slip at the stages; return the square of the largest change.
-
-    The change is that of velocities and slopes; it is infinite where a speed or a
-    mobility is not positive or a number not finite.
-    """
-    y = lane.y
-    slip = lane.slip
-    h = lane.h
-    n = len(y)
-    for i in range(STAGES):
-        if not stages[i, n + SLIP_SPEED] > 0.0:
-            return np.inf
-        state, here = stage_of(lane, stages[i])
-        motion = motion_of(lane, state, here)
-        # The motion ends before the mobility is zero, so beyond there is no solution.
-        if not motion.mobility > 0.0:
-            return np.inf
-        for c in range(n):
-            rates[i, c] = motion.f[c]
-        rates[i, n + SLIP_SPEED] = motion.slip.speed
-        rates[i, n + SLIP_ANGLE] = motion.slip.angle
-        rates[i, n + SLIP_WORK] = motion.slip.work
-        stiffness[i] = motion.stiffness
-    matrix = np.empty((STAGES, STAGES))
-    turns = np.empty(STAGES)
-    for i in range(STAGES):
-        turns[i] = slip.angle - stages[i, n + SLIP_ANGLE]
-        for j in range(STAGES):
-            share = h * INTEGRALS[i, j]
-            turns[i] += share * rates[j, n + SLIP_ANGLE]
-            matrix[i, j] = (1.0 if i == j else 0.0) - share * stiffness[j]
-    solve_angles(matrix, turns)
-    largest = 0.0
-    for i in range(STAGES):
-        change = 0.0
-        for c in range(n + N_SLIP):
-            if c == n + SLIP_ANGLE:
-                turn = min(LARGEST_TURN, max(-LARGEST_TURN, turns[i]))
-                stages[i, c] += turn
-                difference = turn * stages[i, n + SLIP_SPEED]
-            else:
-                value = slip[c - n] if c >= n else y[c]
-                for j in range(STAGES):
-                    value += h * INTEGRALS[i, j] * rates[j, c]
-                difference = value - stages[i, c]
-                stages[i, c] = value
-            change += difference * difference
-        if not isfinite(change):
-            return np.inf
-        largest = max(largest, change)
-    return largest
+            speed += lane.h * INTEGRALS[i, j] * growths[j]
+        row = block.values + (n + SLIP_SPEED) * STAGES + i
+        z[row * block.width + column] = speed
 
 
 @njit(**INNER)
@@ -315,55 +244,66 @@ def squared_rounding(lane):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def squared_error(lane, rates, scale):
+def squared_error(lane, z, column, scale):
     """Return the squared error of the step just tried, in units of the tolerance.
 
     The tolerance is not smaller than rounding errors.  If the coefficients of the
     derivative fall by ``rho`` from one degree to the next, the error at the end of a
     step falls as ``rho^9``; this returns ``rho^8``.
     """
-    n = len(lane.y)
-    fifth = np.zeros(n + N_SLIP)
-    third = np.zeros(n + N_SLIP)
-    for i in range(STAGES):
-        for c in range(n + N_SLIP):
-            fifth[c] += lane.h * FIFTH[i] * rates[i, c]
-            third[c] += lane.h * THIRD[i] * rates[i, c]
+    block = lane.problem.block
     error = lane.problem.model.error
-    state_error, slip_error = stage_of(lane, fifth)
-    high, size = error(state_error, lane.y1, lane.constants)
-    high += squared_slip(slip_error, lane.slip1.speed)
-    state_error, slip_error = stage_of(lane, third)
-    low, _ = error(state_error, lane.y1, lane.constants)
-    low += squared_slip(slip_error, lane.slip1.speed)
+    speed = lane.slip1.speed
+    high, size = error(block.fifth(z, column), lane.y1, lane.constants)
+    high += squared_slip(Slip(*block.fifth_slip(z, column)), speed)
+    low, _ = error(block.third(z, column), lane.y1, lane.constants)
+    low += squared_slip(Slip(*block.third_slip(z, column)), speed)
     fall = high / (low + TINY)
+    high *= lane.h * lane.h
     return high * fall * fall / max(size / scale, squared_rounding(lane))
 
 
 @njit(fastmath=FASTMATH, **INNER)
 def observe(lane, contact_recorded):
-    """Compute spin, amplitude, force and limit at the end of the step just tried."""
+    """Compute spin and amplitude at the end of the step just tried, and what is due."""
     model = lane.problem.model
-    y = lane.y1
-    f = lane.f1
-    slip = lane.slip1
-    lane.n1 = model.spin(y)
-    lane.rate1 = model.spin_rate(y, f)
-    lane.amplitude = model.amplitude(y, lane.probe)
-    set_limit(lane)
+    lane.n1 = model.spin(lane.y1)
+    lane.rate1 = model.spin_rate(lane.y1, lane.f1)
+    lane.amplitude = model.amplitude(lane.y1, lane.probe)
     limit = lane.limit1
     dips = may_dip(lane.limit0, limit)
     lane.leaves = 1.0 if dips or not limit.value > 0.0 else 0.0
     lane.watched = lane.leaves
     if contact_recorded and may_peak(lane.lift0, lane.lift1, -lane.normal_min):
         lane.watched += 1.0
-    if slip.speed == 0.0:
+    if lane.slip1.speed == 0.0:
         lane.watched += 1.0
 
 
 @njit(fastmath=FASTMATH, **INNER)
+def note_forces(lane, z, column):
+    """Set the limit and the forces at the end of a step from those at its stages."""
+    forces = lane.problem.block.forces(z, column)
+    normal = forces[STAGES - 1]
+    margin = forces[2 * STAGES - 1]
+    normal_rate = 0.0
+    margin_rate = 0.0
+    for i in range(STAGES):
+        normal_rate += END_RATES[i] * forces[i] / lane.h
+        margin_rate += END_RATES[i] * forces[STAGES + i] / lane.h
+    left = lane.problem.modes.left
+    ahead = runs.DIFFERENCE / lane.swing
+    height = left(lane, lane.y1)
+    later = left(lane, moved(lane.y1, lane.f1, ahead))
+    rate = margin_rate * height + margin * (later - height) / ahead
+    lane.limit1 = Point(lane.h, margin * height, rate)
+    lane.lift1 = Point(lane.h, -normal, -normal_rate)
+    lane.ratio1 = Point(lane.h, lane.mu, 0.0)
+
+
+@njit(fastmath=FASTMATH, **INNER)
 def set_limit(lane):
-    """Set the limit and the forces of a lane that slides at the end of the step."""
+    """Set the limit and the forces where a slide begins or its speed is zero."""
     ahead = runs.DIFFERENCE / lane.swing
     slip = lane.slip1
     now = motion_of(lane, lane.y1, slip)
@@ -430,62 +370,113 @@ def stay(lane):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def try_slide(lane, scale, contact_recorded):
-    """Try a step of a lane that slides."""
-    model = lane.problem.model
-    n = model.n_state
-    now = motion_of(lane, lane.y, lane.slip)
-    rest = time_to_rest(lane, now)
+def end_or_load(lane, z, column, scale, contact_recorded):
+    """Return whether the step is one of a block, and copy it there.
+
+    Otherwise the slide ends with it, or is jammed.
+    """
+    load(lane, z, column, scale)
+    rest = time_to_rest(lane, z, column)
     angle = rest * lane.swing
     ends = angle < LAST_ANGLE
     if lane.search == STEP:
-        # The cubic term of the speed may bring the rest nearer.
-        left = 0.0 if ends else min(MOST_LEFT, max(LEAST_LEFT, angle * angle))
+        # The cubic term of the speed may bring the rest nearer, and errors matter the
+        # less the shorter the rest is.
+        left = 0.0 if ends else min(MOST_LEFT, max(LEAST_LEFT, 0.5 * sqrt(angle)))
         if rest * (1.0 - left) < lane.h:
             lane.h = rest * (1.0 - left)
             lane.last = 0.0
-    if ends and lane.search == STEP and not is_steady(lane, now, rest):
+    if not ends:
+        look_ahead(lane, z, column)
+        return True
+    now = motion_of(lane, lane.y, lane.slip)
+    if lane.search == STEP and not is_steady(lane, now, rest):
         contact, _, _ = contact_at_slip(lane, lane.y, lane.slip)
         if meets_singularity(contact, lane.mu, lane.slip.angle):
             lane.refused = JAMMED
             stay(lane)
-            return
-    if ends:
-        step_to_rest(lane, now, rest)
-        observe(lane, contact_recorded)
-        return
-    stages = np.empty((STAGES, n + N_SLIP))
-    rates = np.empty((STAGES, n + N_SLIP))
-    stiffness = np.empty(STAGES)
-    solved = False
-    predict(lane, now, stages)
-    _, size = model.error(lane.y, lane.y, lane.constants)
-    enough = max(SOLVED * SOLVED * size / scale, squared_rounding(lane))
-    for _ in range(MAX_SWEEPS):
-        change = sweep(lane, stages, rates, stiffness)
-        solved = change <= enough
-        if solved or change == np.inf:
-            break
-    lane.y1, lane.slip1 = stage_of(lane, stages[STAGES - 1])
-    lane.f1, _ = stage_of(lane, rates[STAGES - 1])
+            return False
+    step_to_rest(lane, now, rest)
+    set_limit(lane)
+    observe(lane, contact_recorded)
+    return False
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def take_from(lane, z, column, scale, contact_recorded):
+    """Copy the end of a step from a block, with its error and what is observed."""
+    block = lane.problem.block
+    lane.y1 = block.state(z, column)
+    lane.slip1 = Slip(*block.slip(z, column))
+    lane.f1 = block.rate(z, column)
+    solved = z[block.busy * block.width + column] == 0.0
     if not (solved and lane.slip1.speed > 0.0):
         # Nothing is observed at the end of a step that is not taken.
         hold_back(lane)
         lane.leaves = lane.watched = 0.0
         lane.error = FAILED
+        lane.tried_h = 0.0
         return
-    lane.error = squared_error(lane, rates, scale)
+    lane.tried = block.rates(z, column)
+    lane.tried_h = lane.h
+    lane.error = squared_error(lane, z, column, scale)
+    note_forces(lane, z, column)
     observe(lane, contact_recorded)
+
+
+@njit(**INNER)
+def solve_block(problem, w, z, which, count, scale, contact_recorded):
+    """Take the steps of the first ``count`` columns, those of the lanes ``which``."""
+    block = problem.block
+    # The columns that are left repeat the first.
+    for column in range(count, block.width):
+        for row in range(block.start, block.loaded):
+            z[row * block.width + column] = z[row * block.width]
+        for k in range(block.n_constants):
+            row = block.constants + k * STAGES
+            z[row * block.width + column] = z[row * block.width]
+    block.predict(problem, z)
+    for column in range(count):
+        lane = lane_of(problem, w, which[column])
+        if lane.slip.speed <= BEGINNING:
+            guess_beginning(lane, z, column)
+    for _ in range(MAX_ITERATIONS):
+        if block.iterate(problem, z) == 0:
+            break
+    block.expand(problem, z)
+    for column in range(count):
+        lane = lane_of(problem, w, which[column])
+        take_from(lane, z, column, scale, contact_recorded)
 
 
 def slide_lanes(problem, w, scale, contact_recorded):
     """Try a step on every lane that slides."""
+    moving = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        moving += 1 if (lane.refused > 0.0) | (lane.slip.speed > 0.0) else 0
+    if moving == 0:
+        return
+    block = problem.block
+    z = np.empty(block.rows * block.width)
+    which = np.empty(block.width, dtype=np.int64)
+    count = 0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         if lane.refused > 0.0:
             stay(lane)
-        elif lane.slip.speed > 0.0:
-            try_slide(lane, scale, contact_recorded)
+            continue
+        if lane.slip.speed == 0.0:
+            continue
+        if not end_or_load(lane, z, count, scale, contact_recorded):
+            continue
+        which[count] = l
+        count += 1
+        if count == block.width:
+            solve_block(problem, w, z, which, count, scale, contact_recorded)
+            count = 0
+    if count > 0:
+        solve_block(problem, w, z, which, count, scale, contact_recorded)
 
 
 # From rolling to sliding and back.
@@ -547,6 +538,7 @@ def slide_from_rest(lane):
         return why_not(contact)
     lane.slip1 = slip
     lane.f1 = motion.f
+    lane.tried_h = 0.0
     lane.rate1 = lane.problem.model.spin_rate(lane.y1, motion.f)
     set_limit(lane)
     lane.h_next = FIRST_ANGLE / lane.swing
