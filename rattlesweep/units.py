@@ -118,6 +118,16 @@ def natural_number(text: str, kind: str) -> Natural | None:
     return None
 
 
+def natural(value: float, kind: str) -> float:
+    """Return a result in units of the body as a number that says so.
+
+    It is then an argument of a run of a body with a size, as it is.
+    """
+    if kind not in NATURAL:
+        return value
+    return Natural(value, f"{float(value)!r} {NATURAL[kind]}")
+
+
 class Setting(NamedTuple):
     """A number of a config: in units of the bodies, in SI units, or both if known."""
 

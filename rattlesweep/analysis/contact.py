@@ -9,6 +9,7 @@ from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.hertz import Ellipse, ellipse
 from rattlesweep.physics.materials import Material, contact_modulus
 from rattlesweep.quantities import LENGTH, QUANTITIES, RATE, TIME
+from rattlesweep.units import natural
 
 PRESSURE = "M g / a^2"
 _LIMITS = (
@@ -128,7 +129,7 @@ def patch_under(
     return ContactPatch(
         **patch._asdict(),
         lever=mu * patch.mean_radius,
-        pivot=pivot,
+        pivot=natural(pivot, "length"),
         # The torque -l N turns a body with the moment of inertia gamma M a^2.
         t_spin=body.gamma * abs(n_i) / pivot * units.time,
         n_i=n_i,

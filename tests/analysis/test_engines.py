@@ -57,7 +57,16 @@ def test_a_model_has_the_body_and_a_launch_that_rolls():
         (ELLIPSOID, {"length": "4 s"}, "length"),
         (ELLIPSOID, {"format": "urdf"}, "format"),
         (ELLIPSOID, {"tol": 1e-9}, "leave tol out"),
-        (rs.Rattleback.kl(), {"length": "4 cm"}, "has a size already"),
+        (
+            rs.Rattleback.kl(),
+            {
+                "length": "4 cm",
+                "n_i": "60 rpm",
+                "omega_xy0": "6 rpm",
+                "t_end": "5 s",
+            },
+            "has a size already",
+        ),
     ],
 )
 def test_what_cannot_be_exported_is_refused(body, more, sentence):

@@ -20,7 +20,7 @@ SIZES = {
     "width": "3 cm",
     "height": "12 mm",
     "mass": "60 g",
-    "skew": 0.05,
+    "skew": "0.05 rad",
 }
 STONE = {"shape": "half_ellipsoid", **SIZES}
 LAUNCH = {"n_i": "100 rpm", "omega_xy0": "10 rpm"}

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.analysis.fit import doubts
+from rattlesweep.analysis.fit.measured import of_body
 from rattlesweep.analysis.fit.problem import FITTABLE, FitProblem
 from rattlesweep.analysis.fit.result import Fit, unit_for_people
 from rattlesweep.arrays import Floats
@@ -272,7 +273,8 @@ def _values(together: Together, x: Floats) -> dict[str, float]:
         places = together.places(film)
         of_film = problem.values(x[places])
         for place, value in zip(places, of_film.values(), strict=True):
-            values[together.names[place]] = value
+            full = together.names[place]
+            values[full] = of_body(_plain(full), value)
     return {name: values[name] for name in together.names}
 
 

@@ -11,8 +11,8 @@ from rattlesweep.design.bodies.making import SIZE_KINDS, body_from
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.si import number
-from rattlesweep.quantities import ANGLES
-from rattlesweep.units import InSI, separate_error
+from rattlesweep.quantities import ANGLES, QUANTITIES
+from rattlesweep.units import InSI, natural, separate_error
 
 # Keys of bodies with a size that may have an error, and those of bodies without.
 _SIZES = (
@@ -119,3 +119,10 @@ def measured_body(values: Mapping[str, object]) -> MeasuredBody:
             keys[name] = prior.value
         priors[name] = prior
     return MeasuredBody(body, keys, priors)
+
+
+def of_body(name: str, value: Any) -> Any:
+    """Return a parameter in units of the body as a number that says so."""
+    if name not in QUANTITIES or not isinstance(value, float):
+        return value
+    return natural(value, QUANTITIES[name].kind)

@@ -22,7 +22,7 @@ from rattlesweep.analysis.fit.estimate import (
     settle_noise,
 )
 from rattlesweep.analysis.fit.film import Film
-from rattlesweep.analysis.fit.measured import MeasuredBody, Prior
+from rattlesweep.analysis.fit.measured import MeasuredBody, Prior, of_body
 from rattlesweep.analysis.fit.problem import FITTABLE, SIZES, FitProblem
 from rattlesweep.analysis.fit.result import Fit, in_words
 from rattlesweep.analysis.fit.scan import searches_of_times
@@ -294,15 +294,21 @@ def _result(estimate: Estimate, remarks: list[str], is_planned: bool = False) ->
     for name in ("n_i", "omega_xy0", "psi", "omega", "u"):
         value = getattr(final, name)
         if value is not None:
-            launch[name] = value
+            launch[name] = of_body(name, value)
     for name, loss in LOSSES.items():
         value = final.losses.get(name, loss.default)
         if value is not None:
-            launch[name] = value
+            launch[name] = of_body(name, value)
     unit = film.value_column.unit
     return Fit(
-        values=estimate.values(best.x),
-        intervals={name: (low[name], high[name]) for name in names},
+        values={
+            name: of_body(name, value)
+            for name, value in estimate.values(best.x).items()
+        },
+        intervals={
+            name: (of_body(name, low[name]), of_body(name, high[name]))
+            for name in names
+        },
         body=final.body,
         launch=launch,
         noise=estimate.noise / unit.size,
