@@ -10,7 +10,7 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.given import body_of, flag, of_option, read_stone
+from rattlesweep.cli.given import body_of, flag, names_of_options, stone_or_options
 from rattlesweep.cli.options import (
     Given,
     command,
@@ -181,19 +181,10 @@ def contact(stone: Path | None, as_json: bool, **given: Any) -> None:
     from rattlesweep.api.arrays import require_units
 
     arguments = pick(given, "materials", "mu", "n_i", "facet")
-    if stone is None:
-        described = body_of(given)
-    else:
-        for name in pick(given, *given):
-            raise ConfigError(f"{flag(name)}: STONE has its own body; leave it out")
-        described = read_stone(stone)["body"].body
+    described = stone_or_options(stone, given)["body"].body
     require_units(arguments, described.units, flag)
-    try:
+    with names_of_options(arguments):
         patch = contact_patch(described, **arguments)
-    except ConfigError as error:
-        raise ConfigError(
-            [of_option(message, arguments) for message in error.messages]
-        ) from None
     values = patch.quantities()
     if as_json:
         data = _as_data(described, values)

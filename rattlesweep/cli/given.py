@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,12 +67,8 @@ def prepared_run(given: Given) -> PreparedRun:
     require_units(launch | times, described.units, flag)
     if "omega" not in launch and "u" not in launch:
         launch = options.SPIN_DEFAULTS | launch
-    try:
+    with names_of_options(LAUNCH_ARGUMENTS):
         return prepare_launch(described, **launch)
-    except ConfigError as error:
-        raise ConfigError(
-            [of_option(message, LAUNCH_ARGUMENTS) for message in error.messages]
-        ) from None
 
 
 def run_of_stone(path: Path, given: Given) -> PreparedRun:
@@ -95,7 +92,18 @@ def run_of_stone(path: Path, given: Given) -> PreparedRun:
         ) from None
 
 
-def of_option(message: str, arguments: Collection[str]) -> str:
+@contextmanager
+def names_of_options(arguments: Collection[str]) -> Iterator[None]:
+    """Let messages about arguments of a call be about their options."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(
+            [_of_option(message, arguments) for message in error.messages]
+        ) from None
+
+
+def _of_option(message: str, arguments: Collection[str]) -> str:
     """Return a message about an argument of a call as one about its option."""
     name, colon, sentence = message.partition(": ")
     if name not in arguments:
@@ -113,6 +121,17 @@ def placed(message: str, stone: Path, data: tuple[Path, ...], error: str | None)
     if option_of == "profile" or (option_of == "error" and error is not None):
         return f"--{message}"
     return f"{stone}: {message}"
+
+
+def stone_or_options(path: Path | None, given: Given) -> dict[str, Any]:
+    """Return what a stone file says, or the body that options describe instead."""
+    from rattlesweep.analysis.fit.measured import MeasuredBody
+
+    if path is None:
+        return {"body": MeasuredBody(body_of(given))}
+    for name in pick(given, *given):
+        raise ConfigError(f"{flag(name)}: STONE has its own body; leave it out")
+    return read_stone(path)
 
 
 def read_stone(path: Path) -> dict[str, Any]:

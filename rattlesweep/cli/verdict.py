@@ -9,7 +9,7 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.given import body_of, flag, of_option, read_stone
+from rattlesweep.cli.given import names_of_options, stone_or_options
 from rattlesweep.cli.options import (
     DONE,
     SOME_FAILED,
@@ -19,7 +19,6 @@ from rattlesweep.cli.options import (
     say,
     to_json,
 )
-from rattlesweep.errors import ConfigError
 from rattlesweep.quantities import LOSSES
 
 
@@ -93,23 +92,13 @@ def verdict(
 
     probe_files(figure)
     losses = pick(given, *LOSSES)
-    if stone is None:
-        body: Any = body_of(given)
-    else:
-        for name in pick(given, *given):
-            raise ConfigError(f"{flag(name)}: STONE has its own body; leave it out")
-        known = read_stone(stone)
-        body = known["body"]
-        losses = pick(known, *LOSSES) | losses
-    try:
+    known = stone_or_options(stone, given)
+    body = known["body"]
+    losses = pick(known, *LOSSES) | losses
+    with names_of_options(("spin", "push", "t_end", "samples", "length", *LOSSES)):
         found = verdict_on(
             body, spin, push, t_end, samples=samples, length=length, **losses
         )
-    except ConfigError as error:
-        names = ("spin", "push", "t_end", "samples", "length", *LOSSES)
-        raise ConfigError(
-            [of_option(message, names) for message in error.messages]
-        ) from None
     if as_json:
         click.echo(to_json(found.to_dict()))
     else:

@@ -13,11 +13,11 @@ largest loss in the run.
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.special import ndtri
 
 from rattlesweep.api import growth_rates, modes
 from rattlesweep.api.style import GREY, SERIES, add_legend, new_figure, value_text
 from rattlesweep.arrays import Floats
+from rattlesweep.intervals import Z95
 from rattlesweep.paper.claim import Measured, every, extremes, rises
 from rattlesweep.paper.workspace import (
     OMEGA_XY0,
@@ -29,8 +29,6 @@ from rattlesweep.paper.workspace import (
     records,
 )
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-
-Z95 = float(ndtri(0.975))  # quantile of the normal distribution for two-sided 95 %
 
 SYMBOL = 10**0.1
 # Fewest runs for a median; with less than two or four times as many it is uncertain.
