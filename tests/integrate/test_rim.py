@@ -60,6 +60,7 @@ def test_half_ellipsoids_end_at_their_rims(count, seed):
     assert ended >= count / 2
 
 
+@pytest.mark.slow
 def test_a_body_that_slides_ends_at_its_rim():
     body = rs.Rattleback.half_ellipsoid(**STONE, width="24.2 mm")
     launch = natural(n_i=0, omega_xy0=1.1, t_end=20) | {"psi": "roll", "mu": 0.9}

@@ -47,7 +47,9 @@ def batch_of(cases, model):
     return replace(runs, constants=np.hstack([*constants, mu[:, None]]))
 
 
-@pytest.mark.parametrize("model", ["full", "ellipsoid", "full_viscous"])
+@pytest.mark.parametrize(
+    "model", ["full", "ellipsoid", pytest.param("full_viscous", marks=pytest.mark.slow)]
+)
 def test_runs_are_those_of_the_oracle(model):
     """The worst differences at the default tolerance are far below 1e-6."""
     cases = [

@@ -166,7 +166,12 @@ def own_cluster(tmp_path, gate) -> Iterator[Cluster]:
 
 @pytest.mark.parametrize(
     "name",
-    ["quickstart", "refine", "pivot", pytest.param("both", marks=pytest.mark.slow)],
+    [
+        "quickstart",
+        "refine",
+        pytest.param("pivot", marks=pytest.mark.slow),
+        pytest.param("both", marks=pytest.mark.slow),
+    ],
 )
 def test_rows_are_those_of_the_local_engine(name, cluster, tmp_path):
     config = REFINED
