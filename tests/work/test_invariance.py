@@ -86,8 +86,9 @@ def test_runs_with_friction(name, tmp_path):
     config = changed(FULL, dissipation=losses, record=["contact"])
     sweep(tmp_path / "whole", config, threads=1)
     rows = open_stored(tmp_path / "whole").read().to_pandas()
-    for column in {"t_slide", "t_held"} & set(columns):
-        assert rows[column].notna().mean() > 0.2
+    for column, least in (("t_slide", 0.5), ("t_held", 0.2)):
+        if column in columns:
+            assert rows[column].notna().mean() > least
     for index in (1, 2, 0):
         shard = Shard(index, 3)
         threads = min(2, available_threads())
