@@ -80,7 +80,13 @@ def rise_of(body, path):
     return ((1 + cxx) * p**2 + 2 * cxy * p * q + (1 + cyy) * q**2) / 2
 
 
-@pytest.mark.parametrize("mu", [{}, {"mu": 0.35}], ids=["rolls", "slides"])
+@pytest.mark.parametrize(
+    "mu",
+    [
+        pytest.param({}, id="rolls"),
+        pytest.param({"mu": 0.35}, id="slides", marks=pytest.mark.slow),
+    ],
+)
 def test_a_low_rim_is_passed_in_slopes(mu):
     # As of a body from a mesh, whose surface ends below the equator.
     gh = rs.Rattleback.gh()
