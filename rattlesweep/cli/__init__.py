@@ -63,6 +63,10 @@ class Program(click.Group):
             sys.stdout = os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
         if sys.stderr is None:
             sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+        # OpenBLAS reserves memory for a thread of its own on each processor, for which
+        # small matrices have no use.  Where an address space is limited, it may wait
+        # for that memory for ever.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         signal.signal(signal.SIGTERM, _terminate)
         settings["standalone_mode"] = False
         try:

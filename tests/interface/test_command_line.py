@@ -138,6 +138,33 @@ def test_a_sweep_loads_neither_pandas_nor_matplotlib(tmp_path):
     subprocess.run(command, cwd=tmp_path, capture_output=True, check=True)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="threads are counted in /proc")
+def test_a_command_starts_no_threads_for_matrices():
+    # Each would reserve memory, which an address space with a limit may not have.
+    code = (
+        "import os\n"
+        "from rattlesweep.cli import main\n"
+        "try:\n"
+        "    main(['--version'])\n"
+        "except SystemExit:\n"
+        "    import scipy.linalg\n"
+        "    print(len(os.listdir('/proc/self/task')))\n"
+    )
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name != "OPENBLAS_NUM_THREADS"
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        check=True,
+        text=True,
+        env=environment,
+    )
+    assert done.stdout.split()[-1] == "1"
+
+
 def test_choices_are_those_of_the_registries():
     assert [model for model in MODELS if model in MODEL_NAMES] == [*MODEL_NAMES[:-1]]
     assert list(PLOT_NAMES) == list(FIGURE_KINDS)
