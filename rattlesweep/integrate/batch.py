@@ -62,9 +62,15 @@ def problem_of(
 
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
-    """Return workspaces (threads, size): rows of zeros that share no cache line."""
-    layout = problem_of(model, tableau.adaptive).layout
-    size = -(-layout.rows(tableau, model) * LANES // 16) * 16
+    """Return workspaces (threads, size): rows of zeros that share no cache line.
+
+    Where lanes slide, the rows of a block follow those of the lanes.
+    """
+    problem = problem_of(model, tableau.adaptive)
+    rows = problem.layout.rows(tableau, model)
+    if problem.block is not None:
+        rows += -(-problem.block.rows * problem.block.width // LANES)
+    size = -(-rows * LANES // 16) * 16
     flat = np.zeros(threads * size + 8)
     shift = (-flat.ctypes.data // 8) % 8
     spaces = flat[shift : shift + threads * size].reshape(threads, size)
@@ -94,7 +100,7 @@ def work(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
     """
     problem = problem_of(find_model(model_name), adaptive, rimmed=bool(rim))
     arguments = problem, 0, NO_PARTS, FLAT, *SHARED
-    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    options = INNER | {"no_cpython_wrapper": False}
     return Kernel(kernel.work, arguments, options)
 
 

@@ -414,7 +414,7 @@ VECTORS = Model(
 
 @scalar
 def _vectors_parts(y, constants):
-    """Return what `pivoting.parts_of` describes, and where the body is."""
+    """Return what `pivoting.pivoting_parts` does, and where the body is."""
     vx, vy, vz, a, b, c = y[:6]
     shape = constants[3:7]
     sigma = constants[7]

@@ -104,42 +104,14 @@ def with_torque(u, omega, rates, normal, j, lift, lever, sense):
 
 
 @scalar
-def _smooth_parts(contact, y, inertia, shape, couple):
-    """Return vectors and rates of a body under gravity and a couple."""
-    p, q, a, b, c = y[:5]
-    dp, dq, m = slope_rate(p, q, a, b, c)
-    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
-    fx, fy, rise, wx, wy, wz, uz = touch
-    rates, solved = acceleration(p, q, a, b, c, *inertia, *couple, *touch)
-    u = (p * uz, q * uz, uz)
-    omega = (a, b, c)
-    r = (p + fx, q + fy, 1.0 - rise)
-    w = (wx, wy, wz)
-    return (dp, dq), u, omega, r, w, rates, solved
-
-
-@scalar
 def normal_of(u, omega, r, w, rates):
     """Return the normal force: ``F = u + r x domega/dt + omega x w`` along ``u``."""
     return 1.0 + triple(u, r, rates) + triple(u, omega, w)
 
 
 @scalar
-def pivoting(u, omega, r, w, rates, solved, loss):
-    """Return what :func:`with_torque` does, and the power of rolling resistance: 0."""
-    _, _, _, lever, sense = loss
-    normal = normal_of(u, omega, r, w, rates)
-    j = solve_again(r, u, solved)
-    lift = triple(u, r, j)
-    changed, torque, normal = with_torque(
-        u, omega, rates, normal, j, lift, lever, sense
-    )
-    return changed, torque, normal, 0.0
-
-
-@scalar
 def rolling_and_pivoting(u, omega, r, w, rates, solved, loss):
-    """Return what :func:`pivoting` does, with rolling resistance.
+    """Return what :func:`with_torque` does, and the power of rolling resistance.
 
     The resistance and the torque both depend on the normal force, and change it.
     """
@@ -163,27 +135,72 @@ def rolling_and_pivoting(u, omega, r, w, rates, solved, loss):
     return changed, torque, normal, normal * dot(drag, omega)
 
 
-def parts_of(law: Callable[..., Any]) -> Callable[..., Any]:
-    """Return ``parts(contact, y, inertia, shape, loss)`` of a law such as `pivoting`.
+@scalar
+def pivoting_parts(contact, y, inertia, shape, loss):
+    """Return rates and forces of a body that rolls with the torque alone.
 
     They are the rates of the position, ``domega/dt``, the torque, the normal force, the
     power of the other friction, and the spin.
+
+    All vectors along ``u`` are ``u_z e`` with ``e = (p, q, 1)``.  The normal force
+    depends on ``domega/dt`` by ``(u x r) . domega/dt``, with ``u x r = -u_z g``; the
+    components of ``g`` are known from the torque of gravity.
     """
+    p, q, a, b, c = y[:5]
+    sigma, _, _, lever, sense = loss
+    dp, dq, m = slope_rate(p, q, a, b, c)
+    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
+    fx, fy, rise, wx, wy, wz, uz = touch
+    couple = -sigma * a, -sigma * b, -sigma * c
+    rates, solved = acceleration(p, q, a, b, c, *inertia, *couple, *touch)
+    omega = a, b, c
+    e = p, q, 1.0
+    g = fy + q * rise, -(fx + p * rise), fx * q - fy * p
+    bracket = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
+    unheld = 1.0 + uz * dot(e, bracket)
+    spin = uz * dot(e, omega)
+    j = solve_again((p + fx, q + fy, 1.0 - rise), e, solved)
+    # The torque makes ``start - u_z v.domega/dt + below torque`` zero: of a held spin
+    # its rate, else the torque and ``lever sense`` times the normal force.
+    grip = lever * sense
+    is_held = sense == 0.0
+    v = (
+        -p if is_held else grip * g[0],
+        -q if is_held else grip * g[1],
+        -1.0 if is_held else grip * g[2],
+    )
+    start = RETURN * spin if is_held else grip * unheld
+    below = (0.0 if is_held else 1.0) - uz * uz * dot(v, j)
+    above = start - uz * dot(v, rates)
+    # There is no such torque where the plane would have to pull.
+    above = 0.0 if sense * above < 0.0 else above
+    torque = -above / below
+    push = uz * torque
+    da, db, dc = rates
+    jx, jy, jz = j
+    changed = da + push * jx, db + push * jy, dc + push * jz
+    normal = unheld - uz * dot(g, changed)
+    return (dp, dq), changed, torque, normal, dot(couple, omega), spin
 
-    @scalar
-    def parts(contact, y, inertia, shape, loss):
-        sigma = loss[0]
-        _, _, a, b, c = y[:5]
-        couple = -sigma * a, -sigma * b, -sigma * c
-        place, u, omega, r, w, rates, solved = _smooth_parts(
-            contact, y, inertia, shape, couple
-        )
-        changed, torque, normal, rolled = law(u, omega, r, w, rates, solved, loss)
-        power = dot(couple, omega) + rolled
-        return place, changed, torque, normal, power, dot(u, omega)
 
-    formula: Callable[..., Any] = parts
-    return formula
+@scalar
+def rolling_parts(contact, y, inertia, shape, loss):
+    """Return what :func:`pivoting_parts` does, with rolling resistance."""
+    p, q, a, b, c = y[:5]
+    sigma = loss[0]
+    dp, dq, m = slope_rate(p, q, a, b, c)
+    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
+    fx, fy, rise, wx, wy, wz, uz = touch
+    couple = -sigma * a, -sigma * b, -sigma * c
+    rates, solved = acceleration(p, q, a, b, c, *inertia, *couple, *touch)
+    u = p * uz, q * uz, uz
+    omega = a, b, c
+    r = p + fx, q + fy, 1.0 - rise
+    changed, torque, normal, rolled = rolling_and_pivoting(
+        u, omega, r, (wx, wy, wz), rates, solved, loss
+    )
+    power = dot(couple, omega) + rolled
+    return (dp, dq), changed, torque, normal, power, dot(u, omega)
 
 
 def rhs_of(parts: Callable[..., Any]) -> Callable[..., Any]:
@@ -197,10 +214,6 @@ def rhs_of(parts: Callable[..., Any]) -> Callable[..., Any]:
 
     formula: Callable[..., Any] = rhs
     return formula
-
-
-pivoting_parts = parts_of(pivoting)
-rolling_parts = parts_of(rolling_and_pivoting)
 
 
 @scalar

@@ -73,7 +73,7 @@ class Friction:
     # rhs(contact, y, inertia, shape, loss): derivative of y, with work, if there is a
     # cheaper form than `stone.rhs_of_couples`
     rhs: Formula | None = None
-    # parts(contact, y, inertia, shape, loss): see `pivoting.parts_of`; of a law
+    # parts(contact, y, inertia, shape, loss): as in `pivoting.pivoting_parts`; of a law
     # with a torque against pivoting, whose sense is a last constant
     pivot: Formula | None = None
 

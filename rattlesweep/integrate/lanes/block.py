@@ -67,8 +67,10 @@ class Block:
     busy: int  # 1 until the equations are solved, then 0; -1 if they cannot be
     # State and slip at the stages, and constants: rows for all stages of each number.
     values: int
+    growths: int  # rates of the speed at the stages
     constants: int
     n_constants: int
+    lane: int  # index of the lane in a column
     # All rows from ``start`` to ``loaded`` and the constants of the first stage
     # describe the step to be tried.
     start: int
@@ -123,6 +125,7 @@ class _Writer:
         self.loaded = self.rows
         self.turns = self.take(STAGES)
         self.change = self.take(1)
+        self.lane = self.take(1)
         self.cells: list[str] = []
         self.lines: list[str] = []
         self.predict()
@@ -362,8 +365,10 @@ def block_of(model: Model) -> Block:
         offset=writer.offset,
         busy=writer.busy,
         values=writer.values,
+        growths=writer.rates + (n + SLIP_SPEED) * STAGES,
         constants=writer.constants,
         n_constants=writer.n_constants,
+        lane=writer.lane,
         start=writer.start,
         loaded=writer.loaded,
         load=scatter(WIDTH, [*begin, *constants, *settings]),

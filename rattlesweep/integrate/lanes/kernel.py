@@ -268,6 +268,10 @@ def commit(problem, w):
 @njit(**INNER)
 def watch(problem, w, recording):
     """Update the records of lanes whose step was accepted."""
+    if problem.limited:
+        runs.advance_limit(problem, w)
+    if not is_recording(recording):
+        return
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         if lane.accept == 0.0:
@@ -284,16 +288,15 @@ def watch(problem, w, recording):
             runs.note_turn(lane, recording.reversals)
         if recorded(recording.volume):
             lane.volume += lane.h * lane.volume_rate1
-        if problem.limited or recorded(recording.contact):
+        if recorded(recording.contact):
             runs.start_points(lane)
 
 
 @njit(**INNER)
-def is_watching(problem, recording):
-    """Return whether :func:`watch` has something to do."""
+def is_recording(recording):
+    """Return whether something is recorded of each accepted step."""
     return (
-        problem.limited
-        or recorded(recording.energy)
+        recorded(recording.energy)
         or recorded(recording.contact)
         or recorded(recording.windows)
         or recorded(recording.reversals)
@@ -320,7 +323,7 @@ def try_step(problem, parts, w, options, recording):
     return decide(problem, w, options.fixed_step, options.most_steps)
 
 
-@njit(**INNER)
+@njit(forceinline=True, **INNER)
 def look_closer(problem, parts, w, l, max_steps, recording):
     """Decide on the step tried on lane ``l``, which is due; return a status and a move.
 
@@ -343,7 +346,7 @@ def look_closer(problem, parts, w, l, max_steps, recording):
     return status, move
 
 
-@njit(**INNER)
+@njit(forceinline=True, **INNER)
 def search_closely(problem, parts, w, l, max_steps, recording):
     """Search the step tried on lane ``l``; return a status and a move.
 
@@ -420,7 +423,7 @@ def work(
     """
     widest_vectors()
     plan = inputs.plan
-    watching = is_watching(problem, recording)
+    watching = problem.limited or is_recording(recording)
     max_steps = options.most_steps
     busy = 0
     for l in range(problem.lanes):

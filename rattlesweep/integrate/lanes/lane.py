@@ -14,10 +14,10 @@ Each operation written as LLVM code has a Python twin, which runs with
 ``NUMBA_DISABLE_JIT=1``, so that a debugger can step through a kernel.
 
 Only this module uses private interfaces of Numba (tried with 0.68.1): ``cgutils``,
-``AttributeTemplate``, ``to_fixed_tuple``; ``make_array``, ``make_tuple``,
-``get_dummy_value``, ``get_constant_generic``, ``resolve_value_type`` and ``call_conv``
-of contexts; ``library`` and ``fndesc`` of overloads.  Types of private interfaces are
-imported for annotations alone.
+``AttributeTemplate``, ``to_fixed_tuple``; the option ``_nrt``; ``make_array``,
+``make_tuple``, ``get_dummy_value``, ``get_constant_generic``, ``resolve_value_type``
+and ``call_conv`` of contexts; ``library`` and ``fndesc`` of overloads.  Types of
+private interfaces are imported for annotations alone.
 """
 
 # mypy: disable-error-code="no-untyped-call, no-untyped-def, misc"
@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from functools import reduce, wraps
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 from llvmlite import ir
@@ -58,6 +58,9 @@ DOUBLE = ir.DoubleType()
 # process.
 INNER: dict[str, object] = {"nogil": True, "error_model": "numpy"}
 INNER |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+# They own no arrays.  Otherwise Numba counts references to each array at each call,
+# which took 3 to 5 % of the time of a kernel.
+INNER |= {"_nrt": False}
 
 
 def _first_of(array, length):
@@ -275,7 +278,7 @@ Past = tuple[float, ...]  # coefficients of the rates in a step of a slide
 
 
 class Fields:
-    """The fields of a lane, in the order of their rows."""
+    """The fields of a lane."""
 
     # The run.
     run: Number  # index, or -1 in an empty lane
@@ -452,6 +455,24 @@ def _numbers_of(model: Model | None) -> dict[str, int]:
     }
 
 
+# Fields that every turn reads or writes.  Side by side, and followed by the state and
+# the stages, their rows use all sets of a first-level cache of 32 KiB alike.
+OF_EVERY_TURN = (
+    *("t", "t_low", "t_end", "steps", "h", "error", "root", "root0", "n0", "rate0"),
+    *("n1", "rate1", "amplitude", "last", "held", "due", "accept", "h_next"),
+    *("h_longest", "rate_max", "sign", "n_least", "search", "watched", "a_max", "next"),
+)
+
+
+def _in_order() -> list[str]:
+    """Return the fields in the order of their rows."""
+    names = list(Fields.__annotations__)
+    first_of_model = names.index("y")
+    shared = names[:first_of_model]
+    others = [name for name in shared if name not in OF_EVERY_TURN]
+    return [*others, *OF_EVERY_TURN, *names[first_of_model:]]
+
+
 class Layout:
     """Rows of a workspace: the first row of each field is an attribute of its name.
 
@@ -465,7 +486,8 @@ class Layout:
         self.fields: dict[str, tuple[int, types.Type]] = {}
         row = 0
         # The annotations are texts, such as "State".
-        for name, kind in Fields.__annotations__.items():
+        for name in _in_order():
+            kind = Fields.__annotations__[name]
             self.fields[name] = row, _type_of(kind, numbers.get(kind, 1))
             setattr(self, name, row)
             row += 3 if kind in RECORDS else numbers.get(kind, 1)
@@ -568,7 +590,7 @@ class Problem:
         modes: Modes | None = None,
         tangents: Tangents | None = None,
         rimmed: bool = False,
-        block: object = None,
+        block: Any = None,
     ) -> None:
         if model is not None:
             # The state of a sweep lacks the extra components of the model.
@@ -586,7 +608,7 @@ class Problem:
         if modes is not None and tangents is not None:
             self.modes = modes
             self.tangents = tangents
-        self.block = block  # of a model that slides
+        self.block = block  # `block.Block` of a model that slides
         self.name = f"{model.name if model else 'any'}_"
         self.name += f"{'adaptive' if adaptive else 'fixed'}_{lanes}"
         if rimmed:

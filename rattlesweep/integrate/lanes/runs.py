@@ -307,6 +307,19 @@ def start_points(lane):
 
 
 @njit(**INNER)
+def advance_limit(problem, w):
+    """Let the limit at the end of an accepted step be the one at the next start."""
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        moves = lane.accept > 0.0
+        start = lane.limit0
+        end = lane.limit1
+        value = end.value if moves else start.value
+        lane.limit0 = Point(0.0, value, end.rate if moves else start.rate)
+
+
+@njit(**INNER)
 def note_contact(lane):
     """Let the end of the step just tried count in the extremes of the contact."""
     lane.ratio_max = max(lane.ratio_max, lane.ratio1.value)
@@ -477,7 +490,8 @@ def hold_back(lane):
     lane.rate1 = lane.rate0
     lane.amplitude = lane.a_max
     lane.root = lane.root0
-    lane.slip1 = lane.slip
+    if lane.problem.slides:
+        lane.slip1 = lane.slip
 
 
 @njit(**INNER)

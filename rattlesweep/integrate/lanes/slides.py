@@ -137,17 +137,24 @@ def load(lane, z, column, scale):
         stiff = begins or abs(lane.h * now.stiffness) >= 1.0
         turning = 0.0 if stiff else now.slip.angle
         rates = now.f + (now.slip.speed, turning, 0.0)  # noqa: RUF005
-        go_straight(lane, z, column, rates)
+        for c in range(lane.problem.block.count):
+            keep_rate(lane, z, column, c, rates[c])
+        go_straight(lane, z, column)
 
 
 @njit(**INNER)
-def go_straight(lane, z, column, rates):
-    """Let a step be guessed from the rates at its start alone."""
+def keep_rate(lane, z, column, c, rate):
+    """Let a number be guessed from its rate at the start of the step alone."""
     block = lane.problem.block
     for k in range(STAGES):
-        for c in range(block.count):
-            place = (block.past + k * block.count + c) * block.width + column
-            z[place] = rates[c] if k == 0 else 0.0
+        place = (block.past + k * block.count + c) * block.width + column
+        z[place] = rate if k == 0 else 0.0
+
+
+@njit(**INNER)
+def go_straight(lane, z, column):
+    """Let a step be guessed from its own start, and not from the last step's."""
+    block = lane.problem.block
     z[block.past_h * block.width + column] = lane.h
     z[block.offset * block.width + column] = 0.0
 
@@ -178,10 +185,10 @@ def look_ahead(lane, z, column):
     past_h = z[block.past_h * block.width + column]
     offset = z[block.offset * block.width + column]
     if offset + lane.h / past_h > MOST_AHEAD:
-        rates = np.empty(block.count)
         for c in range(block.count):
-            rates[c], _ = rates_at_start(lane.problem, z, column, c)
-        go_straight(lane, z, column, rates)
+            rate, _ = rates_at_start(lane.problem, z, column, c)
+            keep_rate(lane, z, column, c, rate)
+        go_straight(lane, z, column)
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -207,7 +214,6 @@ def guess_beginning(lane, z, column):
     The direction follows the force, and the speed is the integral of its rate.
     """
     block = lane.problem.block
-    growths = np.empty(STAGES)
     angle = lane.slip.angle
     n = len(lane.y)
     for i in range(STAGES):
@@ -217,11 +223,12 @@ def guess_beginning(lane, z, column):
         _, _, along, _, _ = push(contact, lane.mu, angle)
         row = block.values + (n + SLIP_ANGLE) * STAGES + i
         z[row * block.width + column] = angle
-        growths[i] = along
+        z[(block.growths + i) * block.width + column] = along
     for i in range(STAGES):
         speed = 0.0
         for j in range(STAGES):
-            speed += lane.h * INTEGRALS[i, j] * growths[j]
+            growth = z[(block.growths + j) * block.width + column]
+            speed += lane.h * INTEGRALS[i, j] * growth
         row = block.values + (n + SLIP_SPEED) * STAGES + i
         z[row * block.width + column] = speed
 
@@ -425,8 +432,15 @@ def take_from(lane, z, column, scale, contact_recorded):
 
 
 @njit(**INNER)
-def solve_block(problem, w, z, which, count, scale, contact_recorded):
-    """Take the steps of the first ``count`` columns, those of the lanes ``which``."""
+def lane_in(problem, w, z, column):
+    """Return the lane whose step is in a column."""
+    block = problem.block
+    return lane_of(problem, w, int(z[block.lane * block.width + column]))
+
+
+@njit(**INNER)
+def solve_block(problem, w, z, count, scale, contact_recorded):
+    """Take the steps of the first ``count`` columns."""
     block = problem.block
     # The columns that are left repeat the first.
     for column in range(count, block.width):
@@ -437,7 +451,7 @@ def solve_block(problem, w, z, which, count, scale, contact_recorded):
             z[row * block.width + column] = z[row * block.width]
     block.predict(problem, z)
     for column in range(count):
-        lane = lane_of(problem, w, which[column])
+        lane = lane_in(problem, w, z, column)
         if lane.slip.speed <= BEGINNING:
             guess_beginning(lane, z, column)
     for _ in range(MAX_ITERATIONS):
@@ -445,12 +459,15 @@ def solve_block(problem, w, z, which, count, scale, contact_recorded):
             break
     block.expand(problem, z)
     for column in range(count):
-        lane = lane_of(problem, w, which[column])
+        lane = lane_in(problem, w, z, column)
         take_from(lane, z, column, scale, contact_recorded)
 
 
 def slide_lanes(problem, w, scale, contact_recorded):
-    """Try a step on every lane that slides."""
+    """Try a step on every lane that slides.
+
+    The block is at the end of the workspace.
+    """
     moving = 0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
@@ -458,8 +475,7 @@ def slide_lanes(problem, w, scale, contact_recorded):
     if moving == 0:
         return
     block = problem.block
-    z = np.empty(block.rows * block.width)
-    which = np.empty(block.width, dtype=np.int64)
+    z = w[w.size - block.rows * block.width :]
     count = 0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
@@ -470,13 +486,13 @@ def slide_lanes(problem, w, scale, contact_recorded):
             continue
         if not end_or_load(lane, z, count, scale, contact_recorded):
             continue
-        which[count] = l
+        z[block.lane * block.width + count] = l
         count += 1
         if count == block.width:
-            solve_block(problem, w, z, which, count, scale, contact_recorded)
+            solve_block(problem, w, z, count, scale, contact_recorded)
             count = 0
     if count > 0:
-        solve_block(problem, w, z, which, count, scale, contact_recorded)
+        solve_block(problem, w, z, count, scale, contact_recorded)
 
 
 # From rolling to sliding and back.
