@@ -33,12 +33,10 @@ from numba import njit
 
 from rattlesweep.integrate.lanes.extremes import (
     EXTREMES,
-    height,
     keep_of,
-    may_dip,
-    may_exceed_of,
-    may_fall,
-    points_of,
+    peak_of,
+    scale_of,
+    tried_of,
 )
 from rattlesweep.integrate.lanes.lane import INNER, NEVER, PIVOTING, Lane, Point
 from rattlesweep.integrate.lanes.marks import MARKS, value_of
@@ -68,10 +66,11 @@ _CLEAR, _DIP, _ZERO = 0, 1, 2
 # (Numba 0.68).
 _KNOWN = 3
 
-# An extreme is taken from the cubic through both ends of its bracket if it is higher
-# than them by less than this share; the cubic is then right to a tenth of that.
-RISE = 2e-4
-MAX_PEAK_TRIES = 12.0
+# Newton's method ends where a peak is higher than the point tried by less than this
+# share, which is added; and it is added where it is so small that it is right.
+NO_RISE = 1e-9
+SMALL_RISE = 1e-5
+MAX_PEAK_TRIES = 8.0
 
 
 # Zeros.
@@ -407,7 +406,7 @@ def search_peaks(lane: Lane) -> int:
         if lane.searched >= FIRST_MARK:
             if _bracket_mark(lane):
                 return HOLD
-        elif _bracket_peak(lane) and _try_peak(lane):
+        elif _bracket_peak(lane):
             return HOLD
         lane.searched += 1.0
     lane.searched = SPIN
@@ -416,39 +415,56 @@ def search_peaks(lane: Lane) -> int:
 
 
 @njit(**INNER)
-def _climb(lane: Lane) -> bool:
-    """Narrow LO..HI by the point just tried; return whether there is a next one."""
-    _, tried = points_of(int(lane.searched) - FIRST_EXTREME, lane)
-    if tried.rate > 0.0:
-        lane.lo = tried
-    else:
-        lane.hi = tried
-    lane.tries += 1.0
-    return bool(_try_peak(lane))
-
-
-@njit(**INNER)
 def _bracket_peak(lane: Lane) -> bool:
-    """Set LO..HI to the step if it may have a new extreme; return whether it may."""
-    k = int(lane.searched) - FIRST_EXTREME
-    if not may_exceed_of(k, lane):
+    """Set the first point to try if the step may hold a new extreme."""
+    peak = peak_of(int(lane.searched) - FIRST_EXTREME, lane)
+    if not 0.0 < peak.h < lane.full.h:
         return False
+    lane.search = PEAK
     lane.tries = 0.0
-    lane.lo, lane.hi = points_of(k, lane)
+    lane.bend = peak.bend
+    lane.h_next = peak.h
     return True
 
 
 @njit(**INNER)
-def _try_peak(lane: Lane) -> bool:
-    """Set the next point to try, or keep the extreme in LO..HI once it is known."""
-    top = height(lane.lo, lane.hi)
-    ends = max(lane.lo.value, lane.hi.value)
-    if top - ends > RISE * abs(top) and lane.tries < MAX_PEAK_TRIES:
-        lane.search = PEAK
-        lane.h_next = _towards_extremum(lane)
-        return True
-    keep_of(int(lane.searched) - FIRST_EXTREME, lane, max(top, ends))
-    return False
+def _climb(lane: Lane) -> bool:
+    """Keep the point just tried; return whether there is a next one, nearer the top."""
+    k = int(lane.searched) - FIRST_EXTREME
+    tried = tried_of(k, lane)
+    if lane.tries == 0.0:
+        lane.bend /= scale_of(k, lane)
+    rise = _rise_to_top(lane, tried)
+    value = tried.value
+    if rise < SMALL_RISE * abs(value):
+        value += rise
+    keep_of(k, lane, value)
+    return rise > NO_RISE * abs(value) and _approach_top(lane, tried)
+
+
+@njit(**INNER)
+def _rise_to_top(lane: Lane, tried: Point) -> float:
+    """Return by how much the peak is higher than the point just tried.
+
+    The rates at two points tell how the function bends.
+    """
+    before = lane.lo
+    if lane.tries > 0.0:
+        bend = (tried.rate - before.rate) / (tried.h - before.h)
+        lane.bend = min(bend, 0.1 * lane.bend)
+    lane.lo = tried
+    return -0.5 * tried.rate * tried.rate / lane.bend
+
+
+@njit(**INNER)
+def _approach_top(lane: Lane, tried: Point) -> bool:
+    """Set the next point to try by Newton's method; return whether there is one."""
+    lane.tries += 1.0
+    h = tried.h - tried.rate / lane.bend
+    lane.h_next = h
+    inside = 0.0 < h < lane.full.h
+    moves = abs(h - tried.h) > 1e-12 * lane.full.h
+    return inside and moves and lane.tries < MAX_PEAK_TRIES
 
 
 # Marks.
@@ -462,13 +478,6 @@ def mark_points(lane, k):  # type: ignore[no-untyped-def]
     return Point(0.0, value, rate), Point(lane.h, end, end_rate)
 
 
-@scalar
-def may_reach(lane, k):  # type: ignore[no-untyped-def]
-    """Return whether the step just tried may hold the mark ``k``."""
-    start, end = mark_points(lane, k)
-    return may_fall(start, end)
-
-
 @njit(**INNER)
 def _bracket_mark(lane: Lane) -> bool:
     """Set the first point to try if the step may hold the mark that is searched."""
@@ -477,11 +486,28 @@ def _bracket_mark(lane: Lane) -> bool:
         return False
     lane.lo, lane.hi = mark_points(lane, k)
     lane.tries = 0.0
-    if not may_fall(lane.lo, lane.hi):
+    if _look_at_dip(lane):
+        return True
+    if lane.hi.value > 0.0:
         # The step ends earlier than the one that was observed.
         return False
     lane.search = PEAK
-    lane.h_next = _secant(lane) if lane.hi.value <= 0.0 else _towards_extremum(lane)
+    lane.h_next = _secant(lane)
+    return True
+
+
+@njit(**INNER)
+def _look_at_dip(lane: Lane) -> bool:
+    """Set a point to try where the mark may be negative, before the point tried."""
+    dip = lane.mark_peak
+    lane.looks = 0.0
+    if not 0.0 < dip.h < lane.h:
+        return False
+    lane.looks = 1.0
+    lane.tries = 0.0
+    lane.bend = -dip.bend
+    lane.search = PEAK
+    lane.h_next = dip.h
     return True
 
 
@@ -493,22 +519,42 @@ def _try_mark(lane: Lane) -> bool:
     """
     k = int(lane.searched) - FIRST_MARK
     _, tried = mark_points(lane, k)
-    if lane.hi.value <= 0.0:
-        if _polish(lane, tried) == HOLD:
-            return True
-        lane.mark_found = k + 1.0
-        lane.t_mark = lane.t + (lane.h - lane.t_low)
-        return False
-    # The least value of a dip.
+    if lane.looks > 0.0:
+        return _look_on(lane, tried)
+    if _polish(lane, tried) == HOLD:
+        return True
+    lane.mark_found = k + 1.0
+    lane.t_mark = lane.t + (lane.h - lane.t_low)
+    return False
+
+
+@njit(**INNER)
+def _look_on(lane: Lane, tried: Point) -> bool:
+    """Set the next point after one at a dip; return whether there is one."""
     if tried.value <= 0.0:
         lane.hi = tried
-        lane.tries = 0.0
-        lane.h_next = _secant(lane)
+        # The step just tried may itself have a dip.
+        if not _look_at_dip(lane):
+            lane.tries = 0.0
+            lane.h_next = _secant(lane)
         return True
-    if tried.rate < 0.0:
-        lane.lo = tried
-    else:
-        lane.hi = tried
+    before = lane.end
+    lane.end = tried
+    if lane.tries > 0.0:
+        bend = (tried.rate - before.rate) / (tried.h - before.h)
+        lane.bend = max(bend, 0.1 * lane.bend)
+    least = tried.value - 0.5 * tried.rate * tried.rate / lane.bend
+    h = tried.h - tried.rate / lane.bend
     lane.tries += 1.0
-    lane.h_next = _towards_extremum(lane)
-    return bool(may_dip(lane.lo, lane.hi)) and lane.tries < MAX_PEAK_TRIES
+    is_near = least <= SMALL_RISE * tried.value and lane.tries < MAX_PEAK_TRIES
+    if is_near and 0.0 < h < lane.full.h and h != tried.h:
+        lane.h_next = h
+        return True
+    # There is no zero in this dip.
+    lane.looks = 0.0
+    if lane.hi.value > 0.0 or lane.hi.h < tried.h:
+        return False
+    lane.lo = tried
+    lane.tries = 0.0
+    lane.h_next = _secant(lane)
+    return True

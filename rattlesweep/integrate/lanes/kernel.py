@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from rattlesweep.integrate.lanes import events, runs
+from rattlesweep.integrate.lanes import events, inside, runs
 from rattlesweep.integrate.lanes.events import (
     ARRIVED,
     HOLD,
@@ -310,14 +310,18 @@ def try_step(problem, parts, w, options, recording):
     call(parts[ATTEMPT], (problem, w, options.scale))
     if problem.limited:
         problem.modes.observe_limit(problem, w)
+        inside.follow_limits(problem, w)
     if recorded(recording.contact):
         runs.observe_contact(problem, w)
     if problem.slides:
         # Lanes that slide replace what was done to them.
         arguments = problem, w, options.scale, recorded(recording.contact)
         call(parts[SLIDE], arguments)
+    if recorded(recording.contact):
+        runs.follow_contact(problem, w)
     if recorded(recording.reversals):
         runs.observe_spin(problem, w)
+        runs.follow_spin(problem, w)
     if recorded(recording.marks):
         runs.observe_marks(problem, w, recording.marks)
     return decide(problem, w, options.fixed_step, options.most_steps)

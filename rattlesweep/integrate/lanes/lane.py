@@ -261,11 +261,20 @@ class Point(NamedTuple):
     rate: float
 
 
+class Peak(NamedTuple):
+    """A largest value within a step, and how the function bends there."""
+
+    h: float  # time from the start of the step; 0 for none
+    value: float
+    bend: float  # second derivative
+
+
 NEVER = 1e290  # beyond any time, modulus and force of a run
 TINY = 1e-290  # prevents divisions by zero
+DIFFERENCE = 1e-7  # length of differences along the flow, in radians of the swing
 
 # Kinds of fields of a lane; all numbers are doubles.
-RECORDS = {"Point": Point, "Slip": Slip}
+RECORDS = {"Point": Point, "Slip": Slip, "Peak": Peak}
 Number = float
 Flag = float  # 1 or 0
 State = tuple[float, ...]  # as many numbers as the state of the model
@@ -343,6 +352,11 @@ class Fields:
     ratio1: Point
     lift0: Point  # normal force with a minus sign
     lift1: Point
+    ratio_peak: Peak  # of the step tried, as interpolated (inside.py)
+    lift_peak: Peak
+    turn_peak: Peak
+    bend: Number  # curvature at the peak that is searched
+    inside: Flag  # whether the step tried is long, and may hold a peak
     leaves: Flag  # whether the step may end at a zero of the limit
     h_limit: Number  # size of the step that does
     watched: Number  # above 0 if the step may hold such a zero or a new extreme
@@ -350,6 +364,8 @@ class Fields:
 
     # Marks (marks.py).
     marks_due: Number  # bits of those that the step may hold
+    mark_peak: Peak  # where one may fall to zero within it, with a minus sign
+    looks: Flag  # whether the point tried is to tell if a mark lies before it
     mark_found: Number  # 1 + the index of one that was found in it, or 0
     t_mark: Number  # its time
 

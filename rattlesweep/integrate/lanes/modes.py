@@ -30,7 +30,7 @@ import numpy as np
 from numba import njit
 
 from rattlesweep.integrate.lanes import pivots, runs, slides
-from rattlesweep.integrate.lanes.extremes import may_fall
+from rattlesweep.integrate.lanes.inside import may_fall
 from rattlesweep.integrate.lanes.lane import (
     INNER,
     ROLLING,

@@ -18,7 +18,7 @@ from numba import njit
 
 from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import REVERSED
-from rattlesweep.integrate.lanes.extremes import may_fall
+from rattlesweep.integrate.lanes.inside import may_fall
 from rattlesweep.integrate.lanes.lane import (
     HELD,
     INNER,

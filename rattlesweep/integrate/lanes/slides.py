@@ -19,11 +19,19 @@ from math import floor, sqrt
 
 import numpy as np
 from numba import njit
+from numpy.polynomial import legendre
 
 from rattlesweep.integrate.collocation import STAGES, radau
 from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import STEP
-from rattlesweep.integrate.lanes.extremes import may_dip, may_peak
+from rattlesweep.integrate.lanes.inside import (
+    glance,
+    halfway,
+    least_above,
+    middle,
+    peak_if,
+    turned_over,
+)
 from rattlesweep.integrate.lanes.lane import (
     INNER,
     NEVER,
@@ -33,6 +41,7 @@ from rattlesweep.integrate.lanes.lane import (
     SLIP_SPEED,
     TINY,
     Mode,
+    Peak,
     Point,
     Slip,
     lane_of,
@@ -68,6 +77,8 @@ INTEGRALS = METHOD.integrals
 DEGREES = np.arange(STAGES)
 # From values at the stages to the derivative at the end of a step of size 1.
 END_RATES = (DEGREES * (DEGREES + 1)) @ METHOD.spectrum
+# The same to the value in the middle.
+(MIDDLE,) = legendre.legvander(0.0, STAGES - 1) @ METHOD.spectrum
 MAX_ITERATIONS = 25  # iterations of the equations of a step
 SOLVED = 1e-2  # share of the tolerance to which the equations are solved
 # Rounding errors of a state over its size: no step is more exact.
@@ -271,31 +282,48 @@ def squared_error(lane, z, column, scale):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def observe(lane, contact_recorded):
-    """Compute spin and amplitude at the end of the step just tried, and what is due."""
+def observe(lane, contact_recorded, limit_half, lift_half):
+    """Compute spin and amplitude at the end of the step just tried, and what is due.
+
+    The limit and the negative normal force in the middle of the step are given.
+    """
     model = lane.problem.model
     lane.n1 = model.spin(lane.y1)
     lane.rate1 = model.spin_rate(lane.y1, lane.f1)
     lane.amplitude = model.amplitude(lane.y1, lane.probe)
-    limit = lane.limit1
-    dips = may_dip(lane.limit0, limit)
-    lane.leaves = 1.0 if dips or not limit.value > 0.0 else 0.0
+    angle = lane.h * lane.swing
+    start = turned_over(lane.limit0)
+    end = turned_over(lane.limit1)
+    dips = glance(start, -limit_half, end, angle).value > 0.0
+    lane.leaves = 1.0 if dips or not lane.limit1.value > 0.0 else 0.0
     lane.watched = lane.leaves
-    if contact_recorded and may_peak(lane.lift0, lane.lift1, -lane.normal_min):
-        lane.watched += 1.0
+    seen = glance(lane.lift0, lift_half, lane.lift1, angle)
+    most = -lane.normal_min
+    lifts = contact_recorded and seen.value > most + least_above(most)
+    lane.lift_peak = peak_if(lifts, seen)
+    # The ratio is that of friction.
+    lane.ratio_peak = Peak(0.0, 0.0, 0.0)
+    lane.watched += 1.0 if lifts else 0.0
     if lane.slip1.speed == 0.0:
         lane.watched += 1.0
 
 
 @njit(fastmath=FASTMATH, **INNER)
 def note_forces(lane, z, column):
-    """Set the limit and the forces at the end of a step from those at its stages."""
+    """Set the limit and the forces at the end of a step from those at its stages.
+
+    Return the limit and the negative normal force in the middle.
+    """
     forces = lane.problem.block.forces(z, column)
     normal = forces[STAGES - 1]
     margin = forces[2 * STAGES - 1]
     normal_rate = 0.0
     margin_rate = 0.0
+    normal_half = 0.0
+    margin_half = 0.0
     for i in range(STAGES):
+        normal_half += MIDDLE[i] * forces[i]
+        margin_half += MIDDLE[i] * forces[STAGES + i]
         normal_rate += END_RATES[i] * forces[i] / lane.h
         margin_rate += END_RATES[i] * forces[STAGES + i] / lane.h
     left = lane.problem.modes.left
@@ -306,6 +334,7 @@ def note_forces(lane, z, column):
     lane.limit1 = Point(lane.h, margin * height, rate)
     lane.lift1 = Point(lane.h, -normal, -normal_rate)
     lane.ratio1 = Point(lane.h, lane.mu, 0.0)
+    return margin_half * left(lane, middle(lane)), -normal_half
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -405,7 +434,8 @@ def end_or_load(lane, z, column, scale, contact_recorded):
             return False
     step_to_rest(lane, now, rest)
     set_limit(lane)
-    observe(lane, contact_recorded)
+    limit_half = halfway(lane.limit0, lane.limit1)
+    observe(lane, contact_recorded, limit_half, halfway(lane.lift0, lane.lift1))
     return False
 
 
@@ -427,8 +457,8 @@ def take_from(lane, z, column, scale, contact_recorded):
     lane.tried = block.rates(z, column)
     lane.tried_h = lane.h
     lane.error = squared_error(lane, z, column, scale)
-    note_forces(lane, z, column)
-    observe(lane, contact_recorded)
+    limit_half, lift_half = note_forces(lane, z, column)
+    observe(lane, contact_recorded, limit_half, lift_half)
 
 
 @njit(**INNER)
