@@ -409,6 +409,24 @@ def test_rounding_errors_of_a_long_slide_reject_no_step():
     assert times == pytest.approx([times[-1]] * 4, rel=1e-10)
 
 
+def test_a_direction_may_turn_until_rest():
+    # At the end of its seventh slide, it turns by a quarter while the speed falls from
+    # 1e-6 to 1e-9; with a straight last step the drift was 1.2e-10 at any tolerance.
+    body = {
+        "alpha": 6.880238967115642,
+        "beta": 1.8678517455613166,
+        "gamma": 6.748090712676959,
+        "theta": 0.9113106469345634,
+        "phi": 0.09559243027396686,
+        "xi": -0.08692778280630373,
+    }
+    runs = with_mu(kernels.full_batch(body, 0.5, 0.1, t_end=34.0), 0.3)
+    for tol in (1e-12, 1e-14):
+        out = integrate(runs, DOP853, SLIDING["full"], tol=tol)
+        assert out.n_slides == 8, tol
+        assert abs(out.energy_drift) < 1e-12, tol
+
+
 def test_a_slide_begins_where_the_mobility_is_positive():
     # Newton's method finds a direction in which the force would pull; the reversal is
     # that of an independent program.

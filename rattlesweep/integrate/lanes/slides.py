@@ -15,7 +15,7 @@ become shorter with the speed, since the equations have no sense beyond its zero
 """
 
 # mypy: ignore-errors
-from math import floor, sqrt
+from math import exp, floor, sqrt
 
 import numpy as np
 from numba import njit
@@ -86,12 +86,15 @@ ROUNDING = 1e-15
 FAILED = 1e30  # squared error of a step whose equations were not solved
 
 BEGINNING = 1e-290  # speed at the begin of a slide
-# A slide whose rest is this short, in radians of the fastest swing, ends with a step
-# along the derivative.
+# A slide that comes to rest within this angle of the fastest swing ends with one step,
+# in which only the direction changes.
 LAST_ANGLE = 1e-8
-# If the deceleration changes by more than this share until then, the direction turns,
-# and it may meet the singularity.
-STEADY = 0.1
+# Where the direction turns, that step is cut into pieces, in which the speed falls by
+# this factor's exponential: it changes by what is left after all of them, 2e-4.
+FALL = 0.1
+FALLS = 85
+# A turn in an e-fold of the speed, times the angle until rest, that does not count.
+SETTLED = 1e-15
 # Fraction of the time to rest that a step leaves: at least, and at most.
 LEAST_LEFT = 0.01
 MOST_LEFT = 0.3
@@ -358,31 +361,58 @@ def set_limit(lane):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def step_to_rest(lane, now, rest):
-    """Step along the derivative, to rest if the step is as long as that takes."""
-    h = lane.h
+def fall_to_rest(lane):
+    """Return how a slide comes to rest, soon.
+
+    The results are the mean derivative of the state until rest, the direction there,
+    the time until then, and whether the body can come to rest.  The direction turns by
+    ``across / along`` in each e-fold of the speed, and may turn until the end.
+    """
     slip = lane.slip
-    lane.slip1 = Slip(
-        slip.speed * (1.0 - h / rest) if h < rest else 0.0,
-        slip.angle + h * now.slip.angle,
-        slip.work + h * now.slip.work,
-    )
-    lane.y1 = moved(lane.y, now.f, h)
-    lane.f1 = now.f
-    lane.error = 0.0
+    now = motion_of(lane, lane.y, slip)
+    rest = -slip.speed / now.slip.speed
+    falls = now.slip.speed < 0.0
+    if not falls or abs(now.slip.angle * rest * rest * lane.swing) < SETTLED:
+        return now.f, slip.angle + rest * now.slip.angle, rest, falls
+    path = moved(now.f, now.f, -1.0)
+    time = 0.0
+    for _ in range(FALLS):
+        rest = -slip.speed / now.slip.speed
+        # Linearly implicit: a direction to which slides turn fast is stiff.
+        stiffness = min(1.0, 0.5 * FALL * rest * now.stiffness)
+        turned = FALL * rest * now.slip.angle / max(0.5, 1.0 - stiffness)
+        later = Slip(slip.speed * exp(-FALL), slip.angle + turned, slip.work)
+        after = motion_of(lane, lane.y, later)
+        falls = after.slip.speed < 0.0 and after.mobility > 0.0
+        if not falls:
+            break
+        half = 0.5 * (slip.speed - later.speed)
+        path = moved(path, now.f, -half / now.slip.speed)
+        path = moved(path, after.f, -half / after.slip.speed)
+        time -= half / now.slip.speed + half / after.slip.speed
+        slip = later
+        now = after
+    rest = -slip.speed / now.slip.speed
+    path = moved(path, now.f, rest)
+    time += rest
+    mean = moved(now.f, now.f, -1.0)
+    return moved(mean, path, 1.0 / time), slip.angle, time, falls
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def is_steady(lane, now, rest):
-    """Return whether the deceleration stays the same until rest."""
+def step_to_rest(lane, mean, angle, rest):
+    """Step along the mean derivative, to rest if the step is as long as that takes."""
+    h = lane.h
     slip = lane.slip
-    state = moved(lane.y, now.f, rest)
-    contact, _, _ = contact_at_slip(lane, state, slip)
-    _, mobility, along, _, _ = push(
-        contact, lane.mu, slip.angle + rest * now.slip.angle
+    now = motion_of(lane, lane.y, slip)
+    lane.slip1 = Slip(
+        slip.speed * (1.0 - h / rest) if h < rest else 0.0,
+        slip.angle + h / rest * (angle - slip.angle),
+        slip.work + h * now.slip.work,
     )
-    change = abs(along - now.slip.speed)
-    return mobility > 0.0 and change <= STEADY * abs(now.slip.speed)
+    lane.y1 = moved(lane.y, mean, h)
+    lane.f1 = mean
+    lane.error = 0.0
 
 
 @njit(**INNER)
@@ -415,24 +445,26 @@ def end_or_load(lane, z, column, scale, contact_recorded):
     rest = time_to_rest(lane, z, column)
     angle = rest * lane.swing
     ends = angle < LAST_ANGLE
+    if ends:
+        mean, direction, rest, falls = fall_to_rest(lane)
     if lane.search == STEP:
         # The cubic term of the speed may bring the rest nearer, and errors matter the
         # less the shorter the rest is.
         left = 0.0 if ends else min(MOST_LEFT, max(LEAST_LEFT, 0.5 * sqrt(angle)))
-        if rest * (1.0 - left) < lane.h:
+        # After rejected steps the rest may be further away than the next step goes.
+        if rest * (1.0 - left) < lane.h or (ends and lane.last == 0.0):
             lane.h = rest * (1.0 - left)
             lane.last = 0.0
     if not ends:
         look_ahead(lane, z, column)
         return True
-    now = motion_of(lane, lane.y, lane.slip)
-    if lane.search == STEP and not is_steady(lane, now, rest):
+    if lane.search == STEP and not falls:
         contact, _, _ = contact_at_slip(lane, lane.y, lane.slip)
         if meets_singularity(contact, lane.mu, lane.slip.angle):
             lane.refused = JAMMED
             stay(lane)
             return False
-    step_to_rest(lane, now, rest)
+    step_to_rest(lane, mean, direction, rest)
     set_limit(lane)
     limit_half = halfway(lane.limit0, lane.limit1)
     observe(lane, contact_recorded, limit_half, halfway(lane.lift0, lane.lift1))
