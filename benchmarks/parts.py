@@ -22,7 +22,7 @@ from machine import all_runs, heading, in_turns, plan_of
 
 from rattlesweep.design.batches import full_batch
 from rattlesweep.design.columns import build_table, runs_schema
-from rattlesweep.design.launches import prepare
+from rattlesweep.design.launches import prepare_launches
 from rattlesweep.physics import full
 from rattlesweep.physics.steady import steady_modes
 from rattlesweep.store.parquet import write_parquet
@@ -95,7 +95,9 @@ def around(samples: int, folder: Path) -> dict[str, Part]:
         write_parquet(table, folder / "rows.parquet")
 
     calls: dict[str, Callable[[], Any]] = {
-        "bodies, theory": partial(prepare, plan, launches.case, launches.sample),
+        "bodies, theory": partial(
+            prepare_launches, plan, launches.case, launches.sample
+        ),
         "linear stability": partial(steady_modes, constants, launches.n_i),
         "initial states": partial(full_batch, launches),
         "Parquet file": write,

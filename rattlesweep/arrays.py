@@ -14,10 +14,10 @@ Places = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 EXACT_WHOLE = 2**53  # whole numbers up to this are exact as floats
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
-def take(values: T, rows: NDArray[Any]) -> T:
+def take(values: _T, rows: NDArray[Any]) -> _T:
     """Return some rows of an array, or of each array in a dict or dataclass.
 
     An array without rows holds what was not recorded, and stays so.
@@ -34,10 +34,10 @@ def take(values: T, rows: NDArray[Any]) -> T:
             for field in fields(values)
         }
         taken = replace(values, **columns)
-    return cast("T", taken)
+    return cast("_T", taken)
 
 
-def unmasked(name: str, values: T) -> T:
+def unmasked(name: str, values: _T) -> _T:
     """Return a masked array without its mask, or refuse it; others stay as they are.
 
     NumPy's functions drop a mask, and with it what the caller meant to leave out.  The
@@ -53,7 +53,7 @@ def unmasked(name: str, values: T) -> T:
             f"{name}{index} is masked; give a number there, or leave the entry out, as "
             "with .compressed()"
         )
-    return cast("T", values.data)
+    return cast("_T", values.data)
 
 
 def refuse_foreign_units(name: str, value: object) -> None:
@@ -66,7 +66,7 @@ def refuse_foreign_units(name: str, value: object) -> None:
         )
 
 
-def put(values: T, into: T, rows: NDArray[Any]) -> None:
+def put(values: _T, into: _T, rows: NDArray[Any]) -> None:
     """Write the arrays of a dataclass into some rows of another one of its type."""
     for field in fields(values):  # type: ignore[arg-type]
         target = getattr(into, field.name)
@@ -74,7 +74,7 @@ def put(values: T, into: T, rows: NDArray[Any]) -> None:
             target[rows] = getattr(values, field.name)
 
 
-def scatter(values: T, rows: Flags) -> T:
+def scatter(values: _T, rows: Flags) -> _T:
     """Return a dataclass whose arrays have a place for each of `rows`.
 
     Those that are true get the entries of `values` in order, the others NaN or 0.
@@ -89,4 +89,4 @@ def scatter(values: T, rows: Flags) -> T:
         fill = np.nan if array.dtype.kind == "f" else 0
         wide[field.name] = np.full((len(rows), *array.shape[1:]), fill, array.dtype)
         wide[field.name][rows] = array
-    return cast("T", replace(cast("Any", values), **wide))
+    return cast("_T", replace(cast("Any", values), **wide))

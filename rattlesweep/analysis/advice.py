@@ -9,13 +9,13 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.physics.mesh.pose import Pose
+from rattlesweep.physics.mesh.pose import MeshPose
 from rattlesweep.physics.mesh.reading import read_solid
 
-SHARE = 0.04  # of the mass of the body, for each of two weights
+WEIGHT_SHARE = 0.04  # of the mass of the body, for each of two weights
 INWARDS = 0.85  # of the way from the middle to the edge of the upper side
 TOP = 0.03  # of the height of a mesh, which counts as its upper side
-MOST_SKEW = math.radians(40)  # beyond it, more skew makes the stone no livelier
+SKEWED_ENOUGH = math.radians(40)  # beyond it, more skew makes the stone no livelier
 
 
 @dataclass(frozen=True)
@@ -51,13 +51,13 @@ def weights_for_skew(body: Rattleback) -> TwoWeights | None:
     inertia, and move the centre of mass only upwards.  So they turn the axes of
     inertia, and not those of the surface.
     """
-    if body.units is None or abs(body.xi) > MOST_SKEW:
+    if body.units is None or abs(body.xi) > SKEWED_ENOUGH:
         return None
     edge = _edge(body)
     if edge is None:
         return None
-    digits = math.floor(math.log10(SHARE * body.units.mass))
-    mass = round(SHARE * body.units.mass, -digits)
+    digits = math.floor(math.log10(WEIGHT_SHARE * body.units.mass))
+    mass = round(WEIGHT_SHARE * body.units.mass, -digits)
     x, y, _ = edge.T
     twice = 2 * mass / body.units.mass
     apart = body.alpha - body.beta + twice * (y**2 - x**2)
@@ -104,7 +104,7 @@ def _edge(body: Rattleback) -> Floats | None:
     return np.column_stack([INWARDS * edge[0], INWARDS * edge[1], height])
 
 
-def _edge_of_mesh(pose: Pose) -> Floats | None:
+def _edge_of_mesh(pose: MeshPose) -> Floats | None:
     """Return places whose opposite places are on the upper side of a mesh, too."""
     from scipy.spatial import ConvexHull, QhullError
 

@@ -21,7 +21,7 @@ from rattlesweep.quantities import (
     TIME,
 )
 
-SPINS = ("n", "n_i", "n_0", "n_c1", "n_reduced", "n_gh")  # in SI units in rpm
+IN_RPM = ("n", "n_i", "n_0", "n_c1", "n_reduced", "n_gh")  # in SI units in rpm
 TORQUES = ("pivot_torque",)  # in SI units in N m, although their unit is of energies
 # A coefficient of friction that a smooth stone on a smooth table may lack.
 COMMON_FRICTION = 0.3
@@ -161,7 +161,7 @@ def quantity_of(
 def si_of(name: str, unit: str, units: Units) -> tuple[float, str]:
     """Return the size of a quantity's unit in SI units, and the name of these."""
     size, si_unit = units.sizes[unit]
-    if name in SPINS:
+    if name in IN_RPM:
         return size * (30 / math.pi), "rpm"
     if name in TORQUES:
         return size, "N m"

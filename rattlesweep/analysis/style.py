@@ -25,6 +25,7 @@ from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats, Places
+from rattlesweep.defaults import FIGURE_DPI
 from rattlesweep.design.columns import define
 from rattlesweep.errors import ConfigError, one_line, printable
 from rattlesweep.files import replace_file
@@ -49,8 +50,8 @@ MISSING_COLOUR = "#FFFFFF"
 NO_REVERSAL = "#F3D9D2"
 
 
-class Mark(NamedTuple):
-    """The look of a type of run, which a marker and a hatch identify without colour."""
+class LabelLook(NamedTuple):
+    """The look of a type or a regime; marker and hatch identify it without colour."""
 
     colour: str
     marker: str
@@ -59,20 +60,20 @@ class Mark(NamedTuple):
 
 
 TYPE_STYLE = {
-    "R": Mark(BLUE, "o", "", "R: reverses"),
-    "SW": Mark(ORANGE, "s", "////", "SW: wobbles"),
-    "unclassified": Mark(SILVER, "x", "....", "unclassified"),
-    "SS": Mark(GREEN, "^", "\\\\\\\\", "SS: steady spinning"),
-    "D": Mark(PURPLE, "v", "xxxx", "D: dies"),
+    "R": LabelLook(BLUE, "o", "", "R: reverses"),
+    "SW": LabelLook(ORANGE, "s", "////", "SW: wobbles"),
+    "unclassified": LabelLook(SILVER, "x", "....", "unclassified"),
+    "SS": LabelLook(GREEN, "^", "\\\\\\\\", "SS: steady spinning"),
+    "D": LabelLook(PURPLE, "v", "xxxx", "D: dies"),
 }
 # A colour that types have, too, has the same meaning.
 REGIME_STYLE = {
-    "steady": Mark(GREEN, "^", "", "steady"),
-    "periodic": Mark(SKY, "o", "", "periodic"),
-    "quasi-periodic": Mark(YELLOW, "s", "", "quasi-periodic"),
-    "attractor": Mark(VERMILION, "D", "", "strange attractor"),
-    "conservative": Mark(WINE, "v", "", "chaos of conservative kind"),
-    "undecided": Mark(SILVER, "x", "", "undecided: run too short"),
+    "steady": LabelLook(GREEN, "^", "", "steady"),
+    "periodic": LabelLook(SKY, "o", "", "periodic"),
+    "quasi-periodic": LabelLook(YELLOW, "s", "", "quasi-periodic"),
+    "attractor": LabelLook(VERMILION, "D", "", "strange attractor"),
+    "conservative": LabelLook(WINE, "v", "", "chaos of conservative kind"),
+    "undecided": LabelLook(SILVER, "x", "", "undecided: run too short"),
 }
 SERIES = (
     (BLUE, "o"),
@@ -119,7 +120,6 @@ _FORMATS = {
     "pdf": {"CreationDate": None},
 }
 
-_DPI = 150.0
 # Steps below this part of a curve's range are not counted as oscillations.
 _ROUNDING = 1e-9
 _BINS = 1000  # stretches of a curve, each about a pixel wide
@@ -394,7 +394,7 @@ def curve(
     axis.plot(t[places], high, **lines)
 
 
-def encode_figure(figure: Figure, kind: str, dpi: float = _DPI) -> bytes:
+def encode_figure(figure: Figure, kind: str, dpi: float = FIGURE_DPI) -> bytes:
     """Return a figure in one of `_FORMATS`; equal figures give equal bytes."""
     buffer = io.BytesIO()
     with valid_texts():
@@ -420,7 +420,7 @@ def valid_texts() -> Iterator[None]:
         raise ConfigError(f"a text in the picture: {reason}; {advice}") from None
 
 
-def save_figure(figure: Figure, paths: Sequence[Path], dpi: float = _DPI) -> None:
+def save_figure(figure: Figure, paths: Sequence[Path], dpi: float = FIGURE_DPI) -> None:
     """Write a figure to files atomically, in the formats of their endings."""
     for path in paths:
         kind = path.suffix.lower().removeprefix(".")

@@ -26,7 +26,7 @@ from rattlesweep.design.batches import make_batch
 from rattlesweep.design.columns import runs_schema
 from rattlesweep.design.config.read import parse_config, resolved
 from rattlesweep.design.config.schema import Config, SdSource
-from rattlesweep.design.launches import prepare
+from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.plan import make_plan
 from rattlesweep.design.prepared import Launches
 from rattlesweep.errors import ConfigError
@@ -116,7 +116,7 @@ def draw_runs(
     count = min(wanted, plan.samples)
     picks = np.linspace(0, plan.samples - 1, count).astype(np.int64)
     case, sample = np.meshgrid(np.arange(len(plan.cases)), picks, indexing="ij")
-    runs = prepare(plan, case.ravel(), sample.ravel())
+    runs = prepare_launches(plan, case.ravel(), sample.ravel())
     return config, take(runs, np.isfinite(runs.horizon) & (runs.horizon > 0))
 
 

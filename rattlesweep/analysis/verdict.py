@@ -19,7 +19,7 @@ from rattlesweep.text import align
 NO_FRICTION = "none"
 COUNTERCLOCKWISE = "counterclockwise"
 CLOCKWISE = "clockwise"
-SENSES = {COUNTERCLOCKWISE: 1, CLOCKWISE: -1}
+SIGN_OF_DIRECTION = {COUNTERCLOCKWISE: 1, CLOCKWISE: -1}
 TURNS = "turns back"
 HARDLY = "hardly turns back"
 STOPS = "stops"
@@ -37,11 +37,11 @@ OF_TYPE = {
 }
 """Words for the types of runs whose spin does not reach zero."""
 ENDLESS = ("wobbles on", "spins on")
-SURE = 1e-3  # relative error below which a time is sure
+SURE_BELOW = 1e-3  # relative error below which a time is sure
 INTERVAL = (0.025, 0.975)
 # The last time in a figure, in times of the last event of first reversals and holds.
-SHOWN = 2.0
-WIDEST = 13.0  # inches
+FIGURE_END = 2.0
+WIDEST_FIGURE = 13.0  # inches
 
 
 def outcomes(runs: pd.DataFrame) -> pd.DataFrame:
@@ -99,7 +99,7 @@ def judged(found: pd.DataFrame, tighter: pd.DataFrame, tol: float) -> pd.DataFra
     turns = table["outcome"] == TURNS
     agrees = turns == (tighter["outcome"] == TURNS)
     table.insert(2, "error_s", error)
-    table["sure"] = agrees & ~(turns & ~(error < SURE * table["t_s"]))
+    table["sure"] = agrees & ~(turns & ~(error < SURE_BELOW * table["t_s"]))
     drawn = found.iloc[launches:]
     of_turns = drawn["t_s"].where(drawn["outcome"] == TURNS)
     times = of_turns.to_numpy().reshape(-1, launches)
@@ -226,7 +226,7 @@ def _seconds(values: pd.Series[float], form: str) -> list[str]:
     return ["-" if np.isnan(value) else f"{value:{form}} s" for value in values]
 
 
-class Curve(NamedTuple):
+class SpinCurve(NamedTuple):
     """The spin of a run over time, in s and rpm."""
 
     friction: str
@@ -235,9 +235,9 @@ class Curve(NamedTuple):
     n_rpm: Floats
 
 
-def draw(
+def draw_verdict(
     table: pd.DataFrame,
-    curves: Sequence[Curve],
+    curves: Sequence[SpinCurve],
     sentence: str,
     path: str | Path | None = None,
 ) -> Figure:
@@ -252,9 +252,9 @@ def draw(
     end = max(curve.t_s[-1] for curve in curves)
     events = table[["t_s", "held_s"]].max().max()
     if np.isfinite(events):
-        end = min(end, SHOWN * events)
+        end = min(end, FIGURE_END * events)
     with style.styled():
-        width = min(1.4 + 2.6 * len(spins), WIDEST)
+        width = min(1.4 + 2.6 * len(spins), WIDEST_FIGURE)
         figure = style.new_figure(width, 0.9 + 1.9 * len(directions))
         shape = len(directions), len(spins)
         panels = figure.subplots(*shape, sharex=True, sharey="col", squeeze=False)
@@ -262,7 +262,7 @@ def draw(
         for row, direction in enumerate(directions):
             panels[row, 0].set_ylabel(f"spun {direction}\nspin (rpm)")
             for axes, spin in zip(panels[row], spins, strict=True):
-                of_launch[SENSES[direction] * spin] = axes
+                of_launch[SIGN_OF_DIRECTION[direction] * spin] = axes
                 style.light_grid(axes)
                 axes.axhline(0, color=INK, linewidth=0.6, zorder=1)
                 axes.set_title(f"{spin:g} rpm", loc="left", fontsize=9)
@@ -273,7 +273,9 @@ def draw(
             style.curve(axes, curve.t_s, curve.n_rpm, colours[curve.friction])
         rows: list[dict[Any, Any]] = table.to_dict("records")
         for launch, time in zip(rows, _times(table), strict=True):
-            axes = of_launch[SENSES[launch["direction"]] * launch["spin_rpm"]]
+            axes = of_launch[
+                SIGN_OF_DIRECTION[launch["direction"]] * launch["spin_rpm"]
+            ]
             colour = colours[launch["friction"]]
             axes.plot(
                 launch["t_s"], 0, "o", color=colour, markeredgecolor="white", zorder=5

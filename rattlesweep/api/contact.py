@@ -10,6 +10,7 @@ import numpy as np
 
 from rattlesweep.analysis.contact import ContactPatch, patch_under
 from rattlesweep.api.arrays import kind_of, one_body, one_number
+from rattlesweep.defaults import PATCH_FRICTION, PATCH_SPIN
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import si
 from rattlesweep.physics.body import Rattleback
@@ -20,15 +21,15 @@ if TYPE_CHECKING:
     # A name, or E and nu.
     OneMaterial = str | Material | Mapping[str, float | str]
 
-COMMON = {name.casefold(): name for name in MATERIALS}
+MATERIAL_NAMES = {name.casefold(): name for name in MATERIALS}
 
 
 def contact_patch(
     body: Rattleback | str | Mapping[str, Any],
     materials: Sequence[OneMaterial],
     *,
-    mu: float = 0.3,
-    n_i: float | str = "60 rpm",
+    mu: float = PATCH_FRICTION,
+    n_i: float | str = PATCH_SPIN,
     facet: float | str | None = None,
 ) -> ContactPatch:
     """Return Hertz's patch of contact under a body at rest, and the lever of pivoting.
@@ -128,7 +129,7 @@ def _material(value: object) -> Material:
     if isinstance(value, Material):
         value = {"E": value.E, "nu": value.nu}
     if not isinstance(value, Mapping):
-        name = COMMON.get(str(value).casefold())
+        name = MATERIAL_NAMES.get(str(value).casefold())
         if name is None:
             raise ValueError(f"{not_one_of(value, MATERIALS)}, or give E and nu")
         return MATERIALS[name]

@@ -6,14 +6,15 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.api.single import INTEGRATOR, Number, prepare_launch
+from rattlesweep.api.single import INTEGRATOR, NumberOrText, prepare_launch
+from rattlesweep.defaults import CASE_NAME, EXPORT_FORMAT
 from rattlesweep.errors import ConfigError
 from rattlesweep.names import EXPORT_FORMATS
 from rattlesweep.physics import si
 from rattlesweep.physics.body import Rattleback
 
 if TYPE_CHECKING:
-    from rattlesweep.analysis.engines.case import Case
+    from rattlesweep.analysis.engines.case import EngineCase
     from rattlesweep.analysis.onerun.course import PreparedRun
 
 ENDINGS = {"mjcf": ".xml", "json": ".json"}
@@ -22,9 +23,9 @@ ENDINGS = {"mjcf": ".xml", "json": ".json"}
 def export(
     body: Rattleback | str,
     *,
-    format: str = "mjcf",
-    length: Number | None = None,
-    name: str = "rattleback",
+    format: str = EXPORT_FORMAT,
+    length: NumberOrText | None = None,
+    name: str = CASE_NAME,
     path: str | Path | None = None,
     **launch: Any,
 ) -> str:
@@ -67,10 +68,10 @@ def export(
 def export_run(
     run: PreparedRun,
     format: str,
-    length: Number | None,
+    length: NumberOrText | None,
     name: str,
     path: str | Path | None,
-) -> tuple[str, Case]:
+) -> tuple[str, EngineCase]:
     """Return the text of an export and its case; write the text if there is a path."""
     from rattlesweep.analysis.engines.case import make_case
     from rattlesweep.analysis.engines.mjcf import check_model, to_mjcf
@@ -96,7 +97,7 @@ def export_run(
     return text, case
 
 
-def _height(length: Number | None) -> float | None:
+def _height(length: NumberOrText | None) -> float | None:
     """Return a length in m."""
     if length is None:
         return None

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rattlesweep.api import arrays as arguments
 from rattlesweep.api.arrays import one_number
-from rattlesweep.api.single import Number, launch_of
+from rattlesweep.api.single import NumberOrText, launch_of
+from rattlesweep.defaults import FILM_ERROR
 from rattlesweep.errors import ConfigError, check_names
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.quantities import INITIAL_RATES, LOSSES
@@ -33,10 +34,10 @@ def fit(
     *,
     free: Iterable[str],
     launch: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
-    error: Number | None = None,
+    error: NumberOrText | None = None,
     robust: bool = False,
     progress: bool | None = None,
-    **losses: Number,
+    **losses: NumberOrText,
 ) -> Fit | JointFit:
     """Fit parameters of one run to a measured angle or spin, or to reversal times.
 
@@ -125,7 +126,7 @@ def fit_with_progress(
     *,
     free: Iterable[str],
     launch: Any,
-    error: Number | None = None,
+    error: NumberOrText | None = None,
     robust: bool = False,
     **losses: Any,
 ) -> Fit:
@@ -149,7 +150,7 @@ def plan_of_fit(
     launch: Any,
     seconds: str,
     fps: float,
-    error: Number | None = None,
+    error: NumberOrText | None = None,
     **losses: Any,
 ) -> Fit:
     """Return the fit that a film of the given values would have, at its best."""
@@ -159,7 +160,7 @@ def plan_of_fit(
 
     run, stone, priors, names = _to_fit(body, free, launch, losses)
     table = synthetic_film(run, seconds, fps)
-    film = read_film(table, run.body.units, error or "0.5 deg", run.n_i)
+    film = read_film(table, run.body.units, error or FILM_ERROR, run.n_i)
     return planned_fit(run, film, names, stone, priors)
 
 
@@ -209,7 +210,7 @@ def _to_fit(
     return run, body, priors, check_free(run, wanted, body)
 
 
-def _priors(run: Launch, errors: Mapping[str, Number]) -> dict[str, Prior]:
+def _priors(run: Launch, errors: Mapping[str, NumberOrText]) -> dict[str, Prior]:
     """Return the priors of a launch and its dissipation, in units of the body."""
     from rattlesweep.analysis.fit.measured import Prior
 

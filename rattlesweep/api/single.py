@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from rattlesweep.quantities import INITIAL_RATES, LOSSES
 from rattlesweep.text import Bar
 
 if TYPE_CHECKING:
+    import pandas as pd
     import pyarrow as pa
     from numpy.typing import ArrayLike
 
@@ -24,10 +25,11 @@ if TYPE_CHECKING:
     from rattlesweep.design.bodies.table import TableBodies
     from rattlesweep.design.plan import Plan
     from rattlesweep.design.single import Launch
+    from rattlesweep.physics.body import Rattleback
 
 
 # A number, or text with an SI unit such as "60 rpm".
-Number: TypeAlias = "float | str"
+NumberOrText: TypeAlias = "float | str"
 _STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
 INTEGRATOR = ("method", "tol", "dt_step", "accuracy")
 LAUNCH_ARGUMENTS = (
@@ -64,6 +66,46 @@ class Run(SimpleNamespace):
         return {name: value for name, value in vars(self).items() if name != "units"}
 
 
+# One body and numbers are one run.
+@overload
+def simulate(
+    body: Rattleback | str,
+    *,
+    n_i: NumberOrText | None = None,
+    omega_xy0: NumberOrText | None = None,
+    omega: tuple[NumberOrText, NumberOrText, NumberOrText] | None = None,
+    u: tuple[float, float, float] | None = None,
+    t_end: NumberOrText | None = None,
+    psi: NumberOrText | None = None,
+    model: str = "full",
+    record: str | Sequence[str] = (),
+    threads: int | None = None,
+    progress: bool | None = None,
+    **settings: NumberOrText | Mapping[str, float] | None,
+) -> Run: ...
+
+
+# Several bodies are several runs.
+@overload
+def simulate(
+    body: list[Any] | tuple[Any, ...] | pd.DataFrame,
+    *,
+    n_i: ArrayLike | None = None,
+    omega_xy0: ArrayLike | None = None,
+    omega: ArrayLike | None = None,
+    u: ArrayLike | None = None,
+    t_end: ArrayLike | None = None,
+    psi: ArrayLike | None = None,
+    model: str = "full",
+    record: str | Sequence[str] = (),
+    threads: int | None = None,
+    progress: bool | None = None,
+    **settings: Any,
+) -> pd.DataFrame: ...
+
+
+# An array may hold one number.
+@overload
 def simulate(
     body: BodiesLike,
     *,
@@ -72,13 +114,30 @@ def simulate(
     omega: ArrayLike | None = None,
     u: ArrayLike | None = None,
     t_end: ArrayLike | None = None,
-    psi: str | ArrayLike | None = None,
+    psi: ArrayLike | None = None,
     model: str = "full",
     record: str | Sequence[str] = (),
     threads: int | None = None,
     progress: bool | None = None,
     **settings: Any,
-) -> Any:  # one or the other, as the arguments are numbers or arrays
+) -> Run | pd.DataFrame: ...
+
+
+def simulate(
+    body: BodiesLike,
+    *,
+    n_i: ArrayLike | None = None,
+    omega_xy0: ArrayLike | None = None,
+    omega: ArrayLike | None = None,
+    u: ArrayLike | None = None,
+    t_end: ArrayLike | None = None,
+    psi: ArrayLike | None = None,
+    model: str = "full",
+    record: str | Sequence[str] = (),
+    threads: int | None = None,
+    progress: bool | None = None,
+    **settings: Any,
+) -> Run | pd.DataFrame:
     """Integrate bodies from their launches to their first reversals or to ``t_end``.
 
     Arrays are broadcast by NumPy's rules.  If the size of the bodies is known, spins,
@@ -162,7 +221,7 @@ def _columns_of_runs(
     omega: ArrayLike | None,
     u: ArrayLike | None,
     t_end: ArrayLike | None,
-    psi: str | ArrayLike | None,
+    psi: ArrayLike | None,
     losses: Mapping[str, ArrayLike],
 ) -> tuple[dict[str, Floats], tuple[int, ...]]:
     """Return the columns of bodies with their launches, and the shape of the runs.

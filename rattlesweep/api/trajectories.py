@@ -13,7 +13,7 @@ import numpy as np
 
 from rattlesweep.api import arrays as arguments
 from rattlesweep.api.arrays import check_count, numbers, one_number
-from rattlesweep.api.single import Number, prepare_launch
+from rattlesweep.api.single import NumberOrText, prepare_launch
 from rattlesweep.errors import ConfigError, check_names
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.text import counted
@@ -179,10 +179,10 @@ def trajectory(
     channels: Sequence[str] | None = None,
     section: str | None = None,
     points: int | None = None,
-    dt: Number | None = None,
+    dt: NumberOrText | None = None,
     steps: bool = False,
     times: ArrayLike | None = None,
-    from_time: Number | None = None,
+    from_time: NumberOrText | None = None,
     **launch: Any,
 ) -> Trajectory:
     """Integrate one launch to ``t_end``, past its reversals, as a time series.
@@ -245,7 +245,7 @@ def trajectory(
 def show(
     body: Rattleback | str,
     *,
-    from_time: Number | None = None,
+    from_time: NumberOrText | None = None,
     points: int | None = None,
     title: str | None = None,
     path: str | Path | None = None,
@@ -267,7 +267,7 @@ def replay(
     case: int,
     sample: int,
     *,
-    t_end: Number | None = None,
+    t_end: NumberOrText | None = None,
     channels: Sequence[str] | None = None,
     section: str | None = None,
     **rows: Any,
@@ -288,7 +288,7 @@ def page_of(
     title: str | None,
     *,
     points: int | None = None,
-    from_time: Number | None = None,
+    from_time: NumberOrText | None = None,
     path: str | Path | None = None,
 ) -> tuple[Page, Course]:
     """Return the page of a run and its course; write the page if there is a path."""

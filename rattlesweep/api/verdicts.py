@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,12 @@ import numpy as np
 
 from rattlesweep.api import arrays as arguments
 from rattlesweep.api.arrays import check_count
+from rattlesweep.defaults import (
+    VERDICT_PUSH,
+    VERDICT_SPINS,
+    VERDICT_STONES,
+    VERDICT_TIME,
+)
 from rattlesweep.errors import ConfigError, check_names, one_line
 from rattlesweep.physics import si
 from rattlesweep.physics.body import Rattleback
@@ -27,12 +32,8 @@ if TYPE_CHECKING:
 
     from rattlesweep.analysis.fit.measured import MeasuredBody
 
-SPINS = ("30 rpm", "60 rpm", "120 rpm")
-PUSH = "6 rpm"
-HORIZON = "20 s"
-SAMPLES = 64
 RPM = np.pi / 30  # in rad/s
-TOL = 1e-9
+VERDICT_TOL = 1e-9
 TIGHTER = 1e-11  # tolerance of the runs that tell the error of the others
 # Of the time of a failure: where a run ends that is repeated to learn what came before.
 EARLIER = 1 - 1e-6
@@ -102,7 +103,7 @@ class Verdict:
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw the spin of each launch over time, and write the figure to a `path`."""
         from rattlesweep.analysis.onerun.course import Course
-        from rattlesweep.analysis.verdict import Curve, draw
+        from rattlesweep.analysis.verdict import SpinCurve, draw_verdict
         from rattlesweep.api.single import prepare_launch
 
         curves = []
@@ -117,18 +118,20 @@ class Verdict:
                 )
                 columns = Course(run, ["t", "n"]).columns()
                 curves.append(
-                    Curve(friction, launch["n_i_rpm"], columns["t_s"], columns["n_rpm"])
+                    SpinCurve(
+                        friction, launch["n_i_rpm"], columns["t_s"], columns["n_rpm"]
+                    )
                 )
-        return draw(self.table, curves, self.sentence, path)
+        return draw_verdict(self.table, curves, self.sentence, path)
 
 
 def verdict(
     body: Rattleback | str | Mapping[str, Any],
     *,
-    spin: str | Sequence[str] = SPINS,
-    push: str = PUSH,
-    t_end: str = HORIZON,
-    samples: int = SAMPLES,
+    spin: str | Sequence[str] = VERDICT_SPINS,
+    push: str = VERDICT_PUSH,
+    t_end: str = VERDICT_TIME,
+    samples: int = VERDICT_STONES,
     length: float | str | None = None,
     progress: bool | None = None,
     **losses: Any,
@@ -192,7 +195,7 @@ def verdict_on(
     push: str,
     t_end: str,
     *,
-    samples: int = SAMPLES,
+    samples: int = VERDICT_STONES,
     length: float | str | None = None,
     **losses: Any,
 ) -> Verdict:
@@ -220,9 +223,9 @@ def verdict_on(
         constants = pd.DataFrame([each for _, each in drawn])[list(own)]
         stones = bodies.join(constants.rename(columns=_column))
         rows = stones.merge(launches, how="cross")
-        found = outcomes(_integrated(rows, TOL))
+        found = outcomes(_integrated(rows, VERDICT_TOL))
         tighter = outcomes(_integrated(rows.iloc[: len(launches)], TIGHTER))
-        part = judged(found, tighter, TOL)
+        part = judged(found, tighter, VERDICT_TOL)
         part.insert(0, "friction", friction)
         part.insert(1, "direction", launches["n_i_rpm"].map(_direction))
         part.insert(2, "spin_rpm", launches["n_i_rpm"].abs())
@@ -413,14 +416,13 @@ def _integrated(rows: pd.DataFrame, tol: float) -> pd.DataFrame:
 
     from rattlesweep.api.single import simulate
 
-    integrated = partial(simulate, record="reversals", tol=tol, progress=False)
-    runs: pd.DataFrame = integrated(rows)
+    runs = simulate(rows, record="reversals", tol=tol, progress=False)
     unit = np.sqrt(runs["height_m"] / runs["gravity_m_s2"])
     failed = runs.index[runs["status"] != "ok"]
     if len(failed):
         shorter = rows.loc[failed]
         shorter["t_end_s"] = EARLIER * runs["t_end"][failed] * unit[failed]
-        again = integrated(shorter)
+        again = simulate(shorter, record="reversals", tol=tol, progress=False)
         again["status"] = runs["status"][failed]
         runs = pd.concat([runs.drop(index=failed), again]).sort_index()
     return runs.assign(unit_s=unit)

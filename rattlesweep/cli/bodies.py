@@ -20,6 +20,7 @@ from rattlesweep.cli.options import (
     tell,
     to_json,
 )
+from rattlesweep.defaults import FINENESS, PATCH_FRICTION, PATCH_SPIN
 from rattlesweep.errors import ConfigError
 from rattlesweep.text import align
 
@@ -154,11 +155,11 @@ def _list_materials(
     help="Materials of body and plane, as in PLA,glass; each a name or as in "
     "'E=3.5GPa nu=0.36'.  'list' prints all names.",
 )
-@option("--mu", type=float, default=0.3, help="Coefficient of friction.")
+@option("--mu", type=float, default=PATCH_FRICTION, help="Coefficient of friction.")
 @option(
     "--n-i",
     type=options.SPIN_VALUE,
-    default="60rpm",
+    default=PATCH_SPIN,
     help="Vertical spin whose end is told, as in 60rpm.",
 )
 @option(
@@ -213,7 +214,7 @@ def contact(stone: Path | None, as_json: bool, **given: Any) -> None:
 @option(
     "--fineness",
     type=options.COUNT,
-    default=96,
+    default=FINENESS,
     help="Rings of triangles from the lowest point to the edge.",
 )
 @options.file(
@@ -233,7 +234,11 @@ def stl(output: Path, fineness: int, quiet: bool, **given: Any) -> None:
 
     from rattlesweep.physics import si
     from rattlesweep.physics.mesh.printing import told_of_body, write
-    from rattlesweep.physics.mesh.shapes import half_ellipsoid, pockets_at, twist_of
+    from rattlesweep.physics.mesh.shapes import (
+        half_ellipsoid_solid,
+        pockets_at,
+        twist_of,
+    )
 
     probe_files(output)
     if given["half_ellipsoid"] is None:
@@ -256,7 +261,7 @@ def stl(output: Path, fineness: int, quiet: bool, **given: Any) -> None:
         pockets = pockets_at(
             si.two_lengths(given["at"], "at"), si.two_lengths(given["pocket"], "pocket")
         )
-    solid = half_ellipsoid(length, width, height, fineness, skew, pockets)
+    solid = half_ellipsoid_solid(length, width, height, fineness, skew, pockets)
     standing = write(solid, output)
     tell(output)
     if quiet:

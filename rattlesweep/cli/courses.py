@@ -20,6 +20,7 @@ from rattlesweep.cli.options import (
     say,
     tell,
 )
+from rattlesweep.defaults import FRAMES_A_PERIOD
 from rattlesweep.errors import ConfigError
 from rattlesweep.text import align, counted
 
@@ -85,7 +86,7 @@ series = options.stack(
     "--figure section.png",
 )
 @options.body_options
-@options.launch
+@options.launch_options
 @options.integrator
 @option(
     "--model", type=options.MODEL_CHOICE, default="full", help="Equations of motion."
@@ -139,9 +140,13 @@ def replay(directory: Path, **given: Any) -> int:
 @options.path("directory", required=False)
 @options.which
 @options.body_options
-@options.launch
+@options.launch_options
 @options.integrator
-@option("--points", type=int, help="Number of rows.  [default: 20 per pitch period]")
+@option(
+    "--points",
+    type=int,
+    help=f"Number of rows.  [default: {FRAMES_A_PERIOD} per pitch period]",
+)
 @options.from_time
 @options.title
 @options.file("--output", ".html", required=True, help="An .html file.")

@@ -11,6 +11,7 @@ from click import option
 from rattlesweep.cli import options
 from rattlesweep.cli.given import flag, prepared_run
 from rattlesweep.cli.options import command, pick, probe_files, say, tell
+from rattlesweep.defaults import CASE_NAME, EXPORT_FORMAT
 from rattlesweep.errors import ConfigError
 
 
@@ -23,7 +24,7 @@ from rattlesweep.errors import ConfigError
     "rattlesweep export --cases engines",
 )
 @options.body_options
-@options.launch
+@options.launch_options
 @option(
     "--length",
     type=options.HEIGHT,
@@ -31,12 +32,12 @@ from rattlesweep.errors import ConfigError
 )
 @option(
     "--format",
-    type=options.FORMATS,
+    type=options.FORMAT_CHOICE,
     default=None,
     help="A model of MuJoCo, or a document with poses and a schema.  "
-    "[default: that of the file, or mjcf]",
+    f"[default: that of the file, or {EXPORT_FORMAT}]",
 )
-@option("--name", metavar="TEXT", help="Name of the case.  [default: rattleback]")
+@option("--name", metavar="TEXT", help=f"Name of the case.  [default: {CASE_NAME}]")
 @options.file(
     "--output",
     ".xml",
@@ -76,14 +77,16 @@ def export(
         return
     probe_files(output)
     if format is None:
-        format = "json" if output and output.suffix.lower() == ".json" else "mjcf"
+        format = EXPORT_FORMAT
+        if output is not None and output.suffix.lower() == ENDINGS["json"]:
+            format = "json"
     if output is not None and output.suffix.lower() != ENDINGS[format]:
         raise ConfigError(
             f"--output {output}: a file of the format {format} ends in "
             f"{ENDINGS[format]}"
         )
     if name is None:
-        name = given["preset"] or "rattleback"
+        name = given["preset"] or CASE_NAME
     text, case = export_run(prepared_run(given), format, length, name, output)
     if output is None:
         click.echo(text, nl=False)

@@ -19,6 +19,7 @@ from rattlesweep.cli.options import (
     say,
     to_json,
 )
+from rattlesweep.defaults import FILM_ERROR, FILM_RATE
 from rattlesweep.errors import ConfigError
 from rattlesweep.quantities import LOSSES
 from rattlesweep.text import Bar
@@ -47,9 +48,9 @@ if TYPE_CHECKING:
     "--plan",
     metavar="TIME",
     help="Print the intervals to expect of a film of this length, as in '3 s', with "
-    "the values and the error of STONE, by default 0.5 deg; without DATA.",
+    f"the values and the error of STONE, by default {FILM_ERROR}; without DATA.",
 )
-@option("--fps", type=float, default=120.0, help="Frames a second of --plan.")
+@option("--fps", type=float, default=FILM_RATE, help="Frames a second of --plan.")
 @option("--robust", is_flag=True, help="Leave out rows that are far off all others.")
 @options.figure
 @options.as_json
@@ -185,8 +186,8 @@ def _fit_as_json(best: Fit, profile: pd.DataFrame | None) -> dict[str, Any]:
     "rattlesweep film STONE.yaml --fps 120 --noise '0.5 deg' --time '3 s' > film.csv",
 )
 @options.path("stone")
-@option("--fps", type=float, default=120.0, help="Frames a second.")
-@option("--noise", default="0.5 deg", help="Standard deviation of the angle.")
+@option("--fps", type=float, default=FILM_RATE, help="Frames a second.")
+@option("--noise", default=FILM_ERROR, help="Standard deviation of the angle.")
 @option("--time", "seconds", default="3 s", help="Length of the film.")
 @option("--seed", type=int, default=0, help="Seed of the noise.")
 def film(stone: Path, fps: float, noise: str, seconds: str, seed: int) -> None:

@@ -14,10 +14,17 @@ from typing import Any, TypeAlias
 import click
 from click import Choice, argument, option
 
+from rattlesweep.defaults import (
+    LAUNCH_PUSH,
+    LAUNCH_SPIN,
+    LEAST_ROWS,
+    MESH_UNIT,
+    ROWS_A_PERIOD,
+)
 from rattlesweep.errors import ConfigError, OutputError, as_lines, one_line, printable
 from rattlesweep.integrate import MOST_THREADS, check_settings
 from rattlesweep.integrate.compile import listening
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tableau import DOP853, DT, METHODS
 from rattlesweep.names import (
     ACCURACY_NAMES,
     EXPORT_FORMATS,
@@ -25,7 +32,7 @@ from rattlesweep.names import (
     PLOT_NAMES,
     PRESET_NAMES,
 )
-from rattlesweep.quantities import LOSSES, QUANTITIES
+from rattlesweep.quantities import LOSSES, QUANTITIES, RATE
 from rattlesweep.shipped import linked
 from rattlesweep.text import Bar, counted
 from rattlesweep.units import (
@@ -342,7 +349,7 @@ PRESET_CHOICE = Choice(PRESET_NAMES)
 MODEL_CHOICE = Choice(MODEL_NAMES)
 ACCURACY_CHOICE = Choice(ACCURACY_NAMES)
 PLOTS = Choice(PLOT_NAMES)
-FORMATS = Choice(EXPORT_FORMATS)
+FORMAT_CHOICE = Choice(EXPORT_FORMATS)
 LIST_OF_METHODS = Choice(list(METHODS))
 
 # Groups of options.
@@ -519,7 +526,7 @@ _BODY: tuple[_Row, ...] = (
         Kind("file", _path),
         "Instead of height, inertia and radii: a closed mesh (STL, OBJ, PLY, 3MF).",
     ),
-    ("--unit", str, "Unit of the mesh.  [default: mm]"),
+    ("--unit", str, f"Unit of the mesh.  [default: {MESH_UNIT}]"),
     (
         "--density",
         si_quantity("density"),
@@ -554,12 +561,15 @@ dissipation = group(
     )
 )
 # In units of the body, whether or not it has a size.
-SPIN_DEFAULTS = {"n_i": "0.1 sqrt(g/a)", "omega_xy0": "0.01 sqrt(g/a)"}
+SPIN_DEFAULTS = {
+    "n_i": f"{LAUNCH_SPIN:g} {RATE}",
+    "omega_xy0": f"{LAUNCH_PUSH:g} {RATE}",
+}
 spin_options = group(
-    named("n_i", SPIN_VALUE, "  [default: 0.1]"),
-    named("omega_xy0", SPIN_VALUE, "  [default: 0.01]"),
+    named("n_i", SPIN_VALUE, f"  [default: {LAUNCH_SPIN:g}]"),
+    named("omega_xy0", SPIN_VALUE, f"  [default: {LAUNCH_PUSH:g}]"),
 )
-launch = stack(
+launch_options = stack(
     spin_options,
     group(
         (
@@ -585,9 +595,9 @@ launch = stack(
 )
 integrator = stack(
     group(
-        ("--method", LIST_OF_METHODS, "Integrator.  [default: dop853]"),
+        ("--method", LIST_OF_METHODS, f"Integrator.  [default: {DOP853.name}]"),
         ("--tol", float, "Tolerance of an adaptive method.  [default: 1e-9]"),
-        ("--dt-step", float, "Step of a fixed-step method.  [default: 0.002]"),
+        ("--dt-step", float, f"Step of a fixed-step method.  [default: {DT:g}]"),
         ("--accuracy", ACCURACY_CHOICE, "Instead of a method and its tolerance."),
     ),
 )
@@ -597,7 +607,8 @@ rows = stack(
             "--points",
             int,
             "Number of rows, evenly spaced up to the horizon.  "
-            "[default: 2001, or 20 per pitch period if that is more]",
+            f"[default: {LEAST_ROWS}, or {ROWS_A_PERIOD} per pitch period if that is "
+            "more]",
         ),
         ("--dt", DURATION, "Spacing of the rows in time."),
         ("--steps", None, "One row per accepted step."),

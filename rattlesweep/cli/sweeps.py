@@ -23,6 +23,7 @@ from rattlesweep.cli.options import (
     tell,
     to_json,
 )
+from rattlesweep.defaults import FIGURE_DPI
 from rattlesweep.errors import ConfigError
 from rattlesweep.shipped import example_names
 from rattlesweep.text import Bar, counted
@@ -523,7 +524,7 @@ def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
 @option(
     "--dpi",
     type=options.DPI_VALUE,
-    default=150.0,
+    default=FIGURE_DPI,
     help="Dots per inch of a PNG, 20 to 600.",
 )
 @option(

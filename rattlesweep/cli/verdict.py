@@ -19,6 +19,12 @@ from rattlesweep.cli.options import (
     say,
     to_json,
 )
+from rattlesweep.defaults import (
+    VERDICT_PUSH,
+    VERDICT_SPINS,
+    VERDICT_STONES,
+    VERDICT_TIME,
+)
 from rattlesweep.quantities import LOSSES
 
 
@@ -34,26 +40,26 @@ from rattlesweep.quantities import LOSSES
     "--spin",
     type=options.TURNS_A_TIME,
     multiple=True,
-    default=["30rpm", "60rpm", "120rpm"],
+    default=VERDICT_SPINS,
     help="Spin of a launch in both directions; may be repeated.",
 )
 @option(
     "--push",
     type=options.TURNS_A_TIME,
-    default="6rpm",
+    default=VERDICT_PUSH,
     help="Initial oscillation, which a hand always gives: 6 rpm tilt a stone of 12 cm "
     "by about 1 degree.",
 )
 @option(
     "--t-end",
     type=options.SECONDS,
-    default="20s",
+    default=VERDICT_TIME,
     help="How long the stone is watched.",
 )
 @option(
     "--samples",
     type=options.NUMBER,
-    default=64,
+    default=VERDICT_STONES,
     help="Stones drawn from the errors of what was measured.",
 )
 @options.body_options

@@ -113,7 +113,7 @@ def reduced_batch(launches: Launches) -> Batch:
     """Return the batch of the reduced dynamics, with ``I_eff = I_zz`` as in Eq. 72."""
     bodies = launches.bodies
     modes = launches.modes
-    e_p, e_r = reduced.mode_energies(
+    e_p, e_r = reduced.launch_energies(
         bodies.alpha,
         bodies.beta,
         modes.psi_p,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.design.config.schema import Config, State
+from rattlesweep.design.config.schema import Config, FullState
 from rattlesweep.design.models import constants_of, full_model_of, surface_constant
 from rattlesweep.design.plan import Plan
 from rattlesweep.design.prepared import Bodies, Launches
@@ -14,7 +14,7 @@ from rattlesweep.physics.surface import Surface
 from rattlesweep.quantities import LOSSES
 
 
-def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
+def prepare_launches(plan: Plan, case: Integers, sample: Integers) -> Launches:
     """Return the launches of runs with some keys, in any order."""
     config = plan.config
     bodies = plan.source.bodies(plan.targets[case], sample)
@@ -65,7 +65,7 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     return replace(launches, n_c1=n_c1)
 
 
-def _with_state(bodies: Bodies, state: State) -> Bodies:
+def _with_state(bodies: Bodies, state: FullState) -> Bodies:
     """Return bodies that are all launched from the state of a config."""
     count = len(bodies.alpha)
     omega = np.tile(state.omega, (count, 1))

@@ -11,7 +11,7 @@ from rattlesweep.arrays import Flags, Floats
 from rattlesweep.design.bodies.sources import bodies_at, ranges_of
 from rattlesweep.design.bodies.table import TableBodies
 from rattlesweep.design.config.schema import Config, SdSource, Target
-from rattlesweep.design.launches import prepare
+from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.plan import Plan
 from rattlesweep.design.prepared import Bodies, Launches
 from rattlesweep.errors import ConfigError
@@ -42,7 +42,7 @@ def check_physics(plan: Plan) -> list[str]:
         judged = min(plan.runs, _MOST_RUNS)
         numbers = np.linspace(0, plan.runs - 1, judged).astype(np.int64)
         case, sample = np.divmod(numbers, plan.samples)
-        launches = prepare(plan, case, sample)
+        launches = prepare_launches(plan, case, sample)
         warnings = [*_doubts(config, launches, which), *_near_taps(config, launches)]
         warnings += _doubts_of_sizes(launches)
         return [config.located(warning) for warning in warnings]

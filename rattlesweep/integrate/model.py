@@ -22,19 +22,20 @@ from rattlesweep.physics import (
     tangent,
     vectors,
 )
-from rattlesweep.physics.full import scalar
+from rattlesweep.physics.full import TINY, scalar
 from rattlesweep.physics.surface import Formula, Friction, Surface
 
 
 @dataclass(frozen=True)
 class Slide:
-    """What a model needs for sliding, with states ``y`` and constants ``q`` as tuples.
+    """What a model needs for sliding.
 
-    The coefficient of friction is a further constant of the body, after ``q``.
+    Formulas take tuples as those of :class:`Model` do.  The coefficient of friction is
+    a further constant of a run, after ``constants``.
     """
 
-    # place(y, creep, q): rates of the position, u, omega, r, w, inertia, and torques
-    # of friction as `physics.surface.Friction.couples` returns them
+    # place(y, creep, constants): rates of the position, u, omega, r, w, inertia, and
+    # torques of friction as `physics.surface.Friction.couples` returns them
     place: Formula
     # derivative(y, slip, what `place` returns, domega/dt, normal force): dy
     derivative: Formula
@@ -47,74 +48,81 @@ class Slide:
 
 @dataclass(frozen=True)
 class Model:
-    """Equations of motion and observed quantities, as compiled functions of scalars.
+    """Equations of motion and observed quantities, as compiled functions of numbers.
 
-    ``y`` is the state, ``dy`` its derivative, ``q`` the constants of the body: tuples
-    of numbers.  In the formulas below, ``p, q`` are slopes and ``a, b, c`` the
-    components of the angular velocity; a probe is the real and the imaginary part of
-    the left eigenvector of the relevant mode.  A term 1e-290 prevents a division by
-    zero.
+    The formulas take tuples of numbers: the state ``y``, its derivative ``dy`` and the
+    ``constants`` of the body.  What a model does not have is None.
     """
 
     name: str
     n_state: int
-    constants: tuple[str, ...]  # names of ``q``
-    n_probe: int  # coefficients of the relevant amplitude
-    rhs: Formula  # rhs(y, q): dy
+    constants: tuple[str, ...]  # their names
+    # Numbers in a ``probe``, which tells the relevant mode: for bodies its left
+    # eigenvector, first the real part.
+    n_probe: int
+    rhs: Formula  # rhs(y, constants): dy
     spin: Formula  # spin(y)
     spin_rate: Formula  # spin_rate(y, dy)
     # amplitude(y, probe): square of the amplitude of the relevant oscillation
     amplitude: Formula
-    # error(e, y, q): squares of the error e of a step and of the oscillation to
-    # compare it with
+    # error(e, y, constants): two squares that a step control compares: that of the
+    # error e of a step, and that of the oscillation
     error: Formula
-    energy: Formula  # energy(y, q): conserved; with friction, the energy minus work
-    contact: Formula  # contact(y, q): normal force, then tangential force
+    # energy(y, constants): conserved; with friction, the energy minus work
+    energy: Formula
+    contact: Formula  # contact(y, constants): normal force, then tangential force
     work: Formula  # work(y): work of friction since the launch, negative
-    # limit(y, q): positive where the model holds; a run ends where it is zero
+
+    # Where a run ends or changes.
+    # limit(y, constants): positive where the model holds; a run ends where it is zero
     limit: Formula | None = None
-    # rise(y, q): height of the contact over the lowest point of the body, along its z
-    # axis; None for models without a contact point
+    # rise(y, constants): height of the contact over the lowest point of the body, along
+    # its z axis; None for models without a contact point
     rise: Formula | None = None
-    # without it the plane holds the body whatever the force
-    slide: Slide | None = None
+    slide: Slide | None = None  # None: the plane holds the body whatever the force
+
+    # What the model is made of.
     surface: Surface | None = None
     law: Friction | None = None  # of a model with friction
-    # Of a law with a torque against pivoting.  pivot(y, q): the torque along the
-    # vertical and the normal force.  pivot_work(y): its work, negative.
+    # Of a law with a torque against pivoting.  pivot(y, constants): the torque along
+    # the vertical and the normal force.  pivot_work(y): its work, negative.
     pivot: Formula | None = None
     pivot_work: Formula | None = None
-    volume: Formula | None = None  # volume(y, q): rate of phase volume
-    # The same equations in variables that exist in any position.
+    volume: Formula | None = None  # volume(y, constants): rate of phase volume
+
+    # The same body in other models.
+    # In variables that exist in any position.
     anywhere: Model | None = None
-    # The same equations for the constant ``k = 0``, where the surface is a paraboloid.
+    # For the constant ``k = 0``, where the surface is a paraboloid.
     flat: Model | None = None
     # Number of components, the last ones, that the state of a sweep lacks.
     n_extra: int = 0
+
     # Functions x of the state that are cheaper to integrate beside it than to compute
-    # in each stage.  carried_start(y, q): x at the start of a step.  carried_rhs(y, x,
-    # q): dy and dx.
+    # in each stage.  carried_start(y, constants): x at the start of a step.
+    # carried_rhs(y, x, constants): dy and dx.
     n_carried: int = 0
     carried_start: Formula | None = None
     carried_rhs: Formula | None = None
+
     # For runs with tangents, small differences, whose components follow each other in
-    # ``v``.  rate(y, dy, v, q): dv.  seed(y, q): the first v.  transverse(y, dy, v, q):
-    # the part that is measured.
+    # ``v``.  rate(y, dy, v, constants): dv.  seed(y, constants): the first v.
+    # transverse(y, dy, v, constants): the part that is measured.
     n_tangents: int = 0
     rate: Formula | None = None
     seed: Formula | None = None
     transverse: Formula | None = None
-    square: Formula | None = None  # square(v, q): |v|^2 of one tangent
-    # Of a frame of several tangents: factor(v, q): the triangle R of its factors QR.
-    # solve(v, R): the tangents Q.  trivial(y, dy, q): squared norms of the flow and of
-    # the gradient of the energy.
+    square: Formula | None = None  # square(v, constants): |v|^2 of one tangent
+    # Of a frame of several tangents: factor(v, constants): the triangle R of its
+    # factors QR.  solve(v, R): the tangents Q.  trivial(y, dy, constants): squared
+    # norms of the flow and of the gradient of the energy.
     factor: Formula | None = None
     solve: Formula | None = None
     trivial: Formula | None = None
 
     @property
     def n_constants(self) -> int:
-        """The number of constants ``q``."""
+        """The number of ``constants``."""
         return len(self.constants)
 
     @property
@@ -124,7 +132,7 @@ class Model:
 
     @property
     def of_runs(self) -> tuple[str, ...]:
-        """The names of all constants of a run: ``q``, and what slides need."""
+        """The names of all constants of a run: the body's, and what slides need."""
         if self.slide is None:
             return self.constants
         return *self.constants, "mu"
@@ -138,8 +146,8 @@ class Model:
 
 
 @scalar
-def _rhs(y, q):
-    return full.rhs(*(y + q))
+def _rhs(y, constants):
+    return full.rhs(*(y + constants))
 
 
 @scalar
@@ -175,7 +183,7 @@ def _error(e, y, constants):
     p, q, a, b, _ = y
     ix, iy, iz, cxx, cxy, cyy = constants[:6]
     step = full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy) + iz * ec * ec
-    return step, full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
+    return step, full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + TINY
 
 
 @scalar
@@ -241,23 +249,23 @@ FULL = Model(
 
 
 @scalar
-def _tangent_rate(y, dy, v, q):
-    return tangent.rate(*(y + dy + v + q))
+def _tangent_rate(y, dy, v, constants):
+    return tangent.rate(*(y + dy + v + constants))
 
 
 @scalar
-def _tangent_seed(y, q):
-    return tangent.seed(*(y + q))
+def _tangent_seed(y, constants):
+    return tangent.seed(*(y + constants))
 
 
 @scalar
-def _tangent_transverse(y, dy, v, q):
-    return tangent.transverse(*(y + dy + v + q))
+def _tangent_transverse(y, dy, v, constants):
+    return tangent.transverse(*(y + dy + v + constants))
 
 
 @scalar
-def _tangent_square(v, q):
-    return tangent.square(*(v + q))
+def _tangent_square(v, constants):
+    return tangent.square(*(v + constants))
 
 
 TANGENT = replace(
@@ -301,8 +309,8 @@ def _weighted_error(ep, eq, ea, eb, ec, p, q, a, b, c, constants):
     a step.
     """
     ix, iy, iz, cxx, cxy, cyy = constants[:6]
-    size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
-    weight = min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
+    size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + TINY
+    weight = min(1.0, size / (SPIN_KNOWN * iz * c * c + TINY))
     step = full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy)
     return step + weight * iz * ec * ec, size
 
@@ -390,7 +398,7 @@ def _vectors_volume(y, constants):
 def _vectors_rise(y, constants):
     vx, vy, vz = y[:3]
     u = vectors.unit(vx, vy, vz)
-    (_, _, z), _ = vectors.contact(*u, *constants[3:7])
+    (_, _, z), _ = vectors.contact_under(*u, *constants[3:7])
     return 1.0 - z
 
 
@@ -420,7 +428,7 @@ def _vectors_parts(y, constants):
     sigma = constants[7]
     u = vectors.unit(vx, vy, vz)
     omega = a, b, c
-    r, rho = vectors.contact(*u, *shape)
+    r, rho = vectors.contact_under(*u, *shape)
     rates, _, w, solved = vectors.smooth_rates(
         u, omega, r, rho, shape, constants[:3], sigma
     )
@@ -731,7 +739,7 @@ def _place_in_any_position(y, creep, constants):
     shape = constants[3:7]
     u = vectors.unit(vx, vy, vz)
     omega = a, b, c
-    r, rho = vectors.contact(*u, *shape)
+    r, rho = vectors.contact_under(*u, *shape)
     w = vectors.moving(u, omega, r, rho, *shape)
     torque, drag = stone.rolling_couples(u, omega, constants[7:], 0.0)
     rates = vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
@@ -838,9 +846,9 @@ def _reduced_error(e, y, constants):
     dn, de_p, de_r = e
     n, e_p, e_r = y
     _, _, inertia = constants
-    spin = inertia * dn * dn / (inertia * n * n + 2.0 * (e_p + e_r) + 1e-290)
-    pitch = de_p * de_p / (e_p * e_p + 1e-290)
-    roll = de_r * de_r / (e_r * e_r + 1e-290)
+    spin = inertia * dn * dn / (inertia * n * n + 2.0 * (e_p + e_r) + TINY)
+    pitch = de_p * de_p / (e_p * e_p + TINY)
+    roll = de_r * de_r / (e_r * e_r + TINY)
     return spin + pitch + roll, 1.0
 
 

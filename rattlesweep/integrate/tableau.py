@@ -22,7 +22,7 @@ MAX_STEPS = 100_000_000
 """Default number of steps after which a run is given up."""
 
 
-ROUNDING = 1e-12  # largest error of a sum of coefficients
+ROUNDED_SUM = 1e-12  # largest error of a sum of coefficients
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Tableau:
         """Raise ValueError unless a row has indices below a count and a sum."""
         if any(not 0 <= j < count for j in row):
             raise ValueError(f"{self.name}, {what}: an index is not below {count}")
-        if abs(sum(row.values()) - total) > ROUNDING:
+        if abs(sum(row.values()) - total) > ROUNDED_SUM:
             raise ValueError(f"{self.name}, {what}: the sum is not {total:g}")
 
     @property

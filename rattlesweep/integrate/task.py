@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import OutputError
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 # Seconds between two checks of a running call, in every wait of the package.
 POLL = 0.05
 PATIENCE = 0.5  # seconds for which a stop waits; a compilation takes longer
@@ -111,11 +111,11 @@ class Control:
         return self._ended + int(self.progress[:, 2].sum())
 
 
-class Task(threading.Thread, Generic[T]):
+class Task(threading.Thread, Generic[_T]):
     """One call in a daemon thread, which starts at once."""
 
     def __init__(
-        self, call: Callable[[Control], T], control: Control | None = None
+        self, call: Callable[[Control], _T], control: Control | None = None
     ) -> None:
         super().__init__(daemon=True)
         self.control = control or Control()
@@ -123,7 +123,7 @@ class Task(threading.Thread, Generic[T]):
         self._call = call
         # After Ctrl-C in `join`, Python 3.11 reports a running thread as ended; a
         # future is safe.
-        self._future: futures.Future[T] = futures.Future()
+        self._future: futures.Future[_T] = futures.Future()
         try:
             self.start()
         except RuntimeError as error:
@@ -146,11 +146,11 @@ class Task(threading.Thread, Generic[T]):
         self.control.stop()
         futures.wait([self._future], patience)
 
-    def value(self) -> T:
+    def value(self) -> _T:
         """Return the result of the call or raise its error; or TimeoutError."""
         return self._future.result(timeout=0)
 
-    def wait(self, tick: Callable[[Control], None] = lambda control: None) -> T:
+    def wait(self, tick: Callable[[Control], None] = lambda control: None) -> _T:
         """Wait for the result; call `tick` every `POLL` seconds, which may raise."""
         try:
             while not futures.wait([self._future], POLL).done:
@@ -161,7 +161,7 @@ class Task(threading.Thread, Generic[T]):
         return self.value()
 
 
-def side_by_side(calls: Sequence[Callable[[Control], T]], threads: int) -> list[T]:
+def side_by_side(calls: Sequence[Callable[[Control], _T]], threads: int) -> list[_T]:
     """Make calls in a number of threads, and return their results in their order.
 
     All share one control.  Ctrl-C or the first error stops all of them and is raised
@@ -169,7 +169,7 @@ def side_by_side(calls: Sequence[Callable[[Control], T]], threads: int) -> list[
     """
     control = Control()
     waiting = iter(enumerate(calls))
-    results = dict[int, T]()
+    results = dict[int, _T]()
     errors: list[BaseException] = []
 
     def work(control: Control) -> None:

@@ -20,7 +20,7 @@ from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import Rattleback, shell_dumbbell
 
 # Number of random bodies for each check.
-SAMPLES = 2000
+CHECKED_BODIES = 2000
 
 
 def wide_bodies() -> tuple[Floats, ...]:
@@ -28,19 +28,21 @@ def wide_bodies() -> tuple[Floats, ...]:
     surface.
     """
     rng = np.random.default_rng(2017)
-    largest = 10 ** rng.uniform(-1, 2, SAMPLES)
-    alpha, beta = shell_dumbbell(largest, rng.uniform(0.01, 0.49, SAMPLES))
+    largest = 10 ** rng.uniform(-1, 2, CHECKED_BODIES)
+    alpha, beta = shell_dumbbell(largest, rng.uniform(0.01, 0.49, CHECKED_BODIES))
     # I_xx - I_yy < I_zz < I_xx + I_yy; the shell-dumbbell bodies are at the upper end.
-    gamma = alpha - beta + (largest - (alpha - beta)) * rng.uniform(0, 1, SAMPLES)
-    theta = rng.uniform(0.05, 0.99, SAMPLES)
-    phi = theta * 10 ** rng.uniform(-3, -0.01, SAMPLES)
+    gamma = (
+        alpha - beta + (largest - (alpha - beta)) * rng.uniform(0, 1, CHECKED_BODIES)
+    )
+    theta = rng.uniform(0.05, 0.99, CHECKED_BODIES)
+    phi = theta * 10 ** rng.uniform(-3, -0.01, CHECKED_BODIES)
     return (
         alpha,
         beta,
         gamma,
         theta,
         phi,
-        -np.radians(rng.uniform(0.01, 89.99, SAMPLES)),
+        -np.radians(rng.uniform(0.01, 89.99, CHECKED_BODIES)),
     )
 
 
@@ -139,7 +141,7 @@ def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
 
 def identities(_: Made) -> Measured:
     """Measure T2: ratio, difference and signs of the torque coefficients."""
-    body = tuple(np.hstack([drawn_bodies(0, SAMPLES), wide_bodies()]))
+    body = tuple(np.hstack([drawn_bodies(0, CHECKED_BODIES), wide_bodies()]))
     alpha, beta, _gamma, theta, phi, xi = body
     exact = by_definition(body)
     closed = -0.5 * np.sin(2 * xi) * (1 / beta - 1 / alpha) * (1 / phi - 1 / theta)
@@ -172,7 +174,7 @@ def identities(_: Made) -> Measured:
 
 def limits(_: Made) -> Measured:
     """Measure T3: the limits phi -> 0 and theta -> 1."""
-    alpha, beta, _gamma, theta, phi, _xi = drawn_bodies(0, SAMPLES)
+    alpha, beta, _gamma, theta, phi, _xi = drawn_bodies(0, CHECKED_BODIES)
     xi = -(2.0**-26)
     small = np.array(2.0**-36)
     lever = -xi * (1 / beta - 1 / alpha)
@@ -188,7 +190,7 @@ def limits(_: Made) -> Measured:
     return [value < 1e-8 for value in off], {
         "off": off,
         "value": max(off),
-        "bodies": SAMPLES,
+        "bodies": CHECKED_BODIES,
     }
 
 
@@ -210,7 +212,7 @@ def ellipsoids(_: Made) -> Measured:
     off = []
     for centre, factor, p, q in ((0.0, 35, 1, 6), (3 / 8, 25 / 16 * 92, 4, 9)):
         first, second = 10.0 ** np.random.default_rng(2017).uniform(
-            -6, 4, (2, 2 * SAMPLES)
+            -6, 4, (2, 2 * CHECKED_BODIES)
         )
         c2 = (1 - centre) * (1 + first)
         b2 = c2 * (1 + second)
@@ -246,7 +248,7 @@ def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
 def slow_spin(_: Made) -> Measured:
     """Measure T7: growth rates at small spin, and the system of Moffatt and Tokieda."""
     off: list[float] = []
-    for body in (wide_bodies(), drawn_bodies(0, SAMPLES)):
+    for body in (wide_bodies(), drawn_bodies(0, CHECKED_BODIES)):
         alpha, beta, gamma, theta, phi, xi = body
         modes = theory.modes(alpha, beta, theta, phi, xi)
         magnified = modes.omega_p**2 / (modes.omega_p**2 - modes.omega_r**2)
@@ -256,7 +258,7 @@ def slow_spin(_: Made) -> Measured:
         rest = np.abs([pitch - modes.K_p / 2, roll + modes.K_r / 2])
         off = [*np.max(rest / (modes.K_p * magnified), axis=1).tolist(), *off]
     # Eq. 75 with n = S, E_p = (I/2) P^2, E_r = (I/2) R^2, t = (2/K_r) tau.
-    p, r, s = np.random.default_rng(2017).normal(size=(3, SAMPLES))
+    p, r, s = np.random.default_rng(2017).normal(size=(3, CHECKED_BODIES))
     rates = reduced.rhs.py_func(
         s, gamma / 2 * p**2, gamma / 2 * r**2, modes.K_p, modes.K_r, gamma
     )
@@ -269,13 +271,13 @@ def slow_spin(_: Made) -> Measured:
         "off": off,
         "field": field,
         "value": max(*off, field),
-        "bodies": SAMPLES,
+        "bodies": CHECKED_BODIES,
     }
 
 
 def times_by_skew(_: Made) -> Measured:
     """Measure T8: Garcia and Hubbard's times against the skew, and their ratio."""
-    alpha, beta, _gamma, theta_, phi, xi = body = drawn_bodies(0, SAMPLES)
+    alpha, beta, _gamma, theta_, phi, xi = body = drawn_bodies(0, CHECKED_BODIES)
     n_i = 0.1
     n_0 = 0.11
 
@@ -298,7 +300,7 @@ def times_by_skew(_: Made) -> Measured:
         "value": slope,
         "slope": slope,
         "ratio": off,
-        "bodies": SAMPLES,
+        "bodies": CHECKED_BODIES,
         "far": (float(far.min()), float(far.max())),
     }
 
@@ -328,11 +330,11 @@ def contradictions(
 
 def bondi(_: Made) -> Measured:
     """Measure S9: Bondi's threshold and the exact steady solution."""
-    bodies = drawn_bodies(0, SAMPLES), wide_bodies()
+    bodies = drawn_bodies(0, CHECKED_BODIES), wide_bodies()
     sd_near, sd_far, near, far = (
         contradictions(*trial) for trial in product(bodies, (_NEAR, _FAR))
     )
-    spins = np.random.default_rng(2017).normal(size=2 * SAMPLES).tolist()
+    spins = np.random.default_rng(2017).normal(size=2 * CHECKED_BODIES).tolist()
     both = np.concatenate([full.constants(*body) for body in bodies], axis=1)
     moved = max(
         max(map(abs, full.rhs.py_func(0.0, 0.0, 0.0, 0.0, spin, *constants)))
@@ -350,5 +352,5 @@ def bondi(_: Made) -> Measured:
         "moved": moved,
         "value": far.hits / far.total,
         "angles": ", ".join(map("{:g}".format, _ANGLES)),
-        "bodies": SAMPLES,
+        "bodies": CHECKED_BODIES,
     }

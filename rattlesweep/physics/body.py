@@ -14,17 +14,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattlesweep.arrays import Floats
+from rattlesweep.defaults import MESH_UNIT
 from rattlesweep.errors import ConfigWarning
 from rattlesweep.files import as_path
 from rattlesweep.physics import si
-from rattlesweep.physics.mesh.pose import Pose
+from rattlesweep.physics.mesh.pose import MeshPose
 from rattlesweep.physics.mesh.reading import read_standing
 from rattlesweep.physics.mesh.standing import Standing
 from rattlesweep.physics.si import Units
 from rattlesweep.quantities import MAX_INERTIA
 from rattlesweep.units import InSI, require_unit
 
-T = TypeVar("T", float, Floats)
+_T = TypeVar("_T", float, Floats)
 PARAMETERS = ("alpha", "beta", "gamma", "theta", "phi", "xi")
 
 
@@ -67,7 +68,7 @@ class Rattleback:
     c: float | None = None
     rim: float | None = field(default=None, repr=False, kw_only=True)
     units: Units | None = field(default=None, compare=False, repr=False, kw_only=True)
-    pose: Pose | None = field(default=None, compare=False, repr=False, kw_only=True)
+    pose: MeshPose | None = field(default=None, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.compare}
@@ -342,7 +343,7 @@ class Rattleback:
     def from_mesh(
         cls,
         path: str | os.PathLike[str],
-        unit: str = "mm",
+        unit: str = MESH_UNIT,
         *,
         mass: float | str | None = None,
         density: float | str | None = None,
@@ -403,7 +404,7 @@ class Rattleback:
         standing = read_standing(path, unit, mass, density, points, up, gravity)
         for doubt in standing.doubts:
             warnings.warn(doubt, ConfigWarning, stacklevel=2)
-        pose = Pose.of(as_path(path, "mesh"), unit, standing)
+        pose = MeshPose.of(as_path(path, "mesh"), unit, standing)
         g = si.number(gravity, "acceleration", "gravity")
         return cls.of_standing(standing, g, pose)
 
@@ -412,7 +413,7 @@ class Rattleback:
         cls,
         standing: Standing,
         gravity: float = si.GRAVITY,
-        pose: Pose | None = None,
+        pose: MeshPose | None = None,
     ) -> Rattleback:
         """Return the body of a solid that stands on the table."""
         units = Units(standing.mass.mass, standing.height, gravity)
@@ -445,7 +446,7 @@ def _require_number(name: str, value: Any) -> None:
         )
 
 
-def shell_dumbbell(gamma: T, f_sd: T) -> tuple[T, T]:
+def shell_dumbbell(gamma: _T, f_sd: _T) -> tuple[_T, _T]:
     """Return ``alpha`` and ``beta`` of shell-dumbbell bodies (Eq. 67)."""
     return (1 - f_sd) * gamma + 1, f_sd * gamma + 1
 

@@ -19,10 +19,9 @@ A frame is a tuple of three tangents, one after the other.
 from math import sqrt
 
 from rattlesweep.physics import tangent
-from rattlesweep.physics.full import scalar
+from rattlesweep.physics.full import TINY, scalar
 
 N_TANGENTS = 3
-TINY = 1e-290  # prevents divisions by zero in empty lanes
 
 
 @scalar

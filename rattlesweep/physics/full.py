@@ -38,6 +38,9 @@ FASTMATH = {"contract", "nsz"}
 scalar = njit(
     fastmath=FASTMATH, error_model="numpy", forceinline=True, no_cfunc_wrapper=True
 )
+# Added to a divisor, it prevents a division by zero, as in empty lanes, and changes no
+# other result.
+TINY = 1e-290
 
 
 def constants(
@@ -90,7 +93,7 @@ def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k=0.0):
 
 
 @scalar
-def solve(x, y, z, ix, iy, iz, tx, ty, tz, product):
+def solve_rates(x, y, z, ix, iy, iz, tx, ty, tz, product):
     """Return ``J^-1 T``, with ``J`` on the left side of Eq. 11, and the inverse used.
 
     ``J = D - r r^T`` with ``D = I + r^2``; by the formula of Sherman and Morrison
@@ -137,7 +140,7 @@ def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz
     tx = gx + (y * kz - z * ky) + uz * (fy + q * rise)
     ty = gy + (z * kx - x * kz) - uz * (fx + p * rise)
     tz = gz + (x * ky - y * kx) + uz * twist
-    return solve(x, y, z, ix, iy, iz, tx, ty, tz, x * gx + y * gy + z * gz)
+    return solve_rates(x, y, z, ix, iy, iz, tx, ty, tz, x * gx + y * gy + z * gz)
 
 
 @scalar

@@ -38,7 +38,7 @@ def contact_point(p: Floats, q: Floats, shape: Shape) -> Floats:
     return np.array([x / rho, y / rho, 1 - square / (rho + rho**2)])
 
 
-def contact_of(surface: Surface, p: Floats, q: Floats, shape: Shape) -> Floats:
+def contact_point_on(surface: Surface, p: Floats, q: Floats, shape: Shape) -> Floats:
     """Return the contact point on any surface, shape (3, ...), from its formula."""
     at_rest = (0.0,) * 6
     contact = in_python(surface.contact, 7)

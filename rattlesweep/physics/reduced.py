@@ -33,7 +33,7 @@ def casimir(e_p: ArrayLike, e_r: ArrayLike, K_p: ArrayLike, K_r: ArrayLike) -> F
         return np.asarray(np.log(e_p) / np.asarray(K_p) + np.log(e_r) / np.asarray(K_r))
 
 
-def mode_energies(
+def launch_energies(
     alpha: Floats,
     beta: Floats,
     psi_p: Floats,

@@ -177,7 +177,7 @@ def triple(u, r, v):
 
 @scalar
 def solve_again(r, h, solved):
-    """Return ``J^-1 h``, where ``solved`` is the second value of `full.solve`."""
+    """Return ``J^-1 h``, where ``solved`` is the second value of `full.solve_rates`."""
     x, y, z = r
     hx, hy, hz = h
     dyz, dzx, dxy, along, ivol = solved

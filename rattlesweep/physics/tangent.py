@@ -9,7 +9,7 @@ that surface, normal to the flow.
 # mypy: disable-error-code="no-untyped-def"
 from math import sqrt
 
-from rattlesweep.physics.full import oscillation, paraboloid, scalar, solve
+from rattlesweep.physics.full import TINY, oscillation, paraboloid, scalar, solve_rates
 
 
 @scalar
@@ -86,7 +86,7 @@ def rate(
         + y1 * (gy - iy * db)
         - rise1 * (gz - iz * dc)
     )
-    rates, _ = solve(x, y, z, ix, iy, iz, tx, ty, tz, product)
+    rates, _ = solve_rates(x, y, z, ix, iy, iz, tx, ty, tz, product)
     return (dp1, dq1) + rates  # noqa: RUF005
 
 
@@ -135,13 +135,13 @@ def transverse(
     hp = (byy * ep - cxy * eq) / det
     hq = (bxx * eq - cxy * ep) / det
     ha, hb, hc = ea / (ix + 1.0), eb / (iy + 1.0), ec / iz
-    steep = ep * hp + eq * hq + ea * ha + eb * hb + ec * hc + 1e-290
+    steep = ep * hp + eq * hq + ea * ha + eb * hb + ec * hc + TINY
     off = (ep * p1 + eq * q1 + ea * a1 + eb * b1 + ec * c1) / steep
     p1 = p1 - off * hp
     q1 = q1 - off * hq
     a1, b1, c1 = a1 - off * ha, b1 - off * hb, c1 - off * hc
     # At rest there is no flow, and nothing is removed.
-    speed = square(dp, dq, da, db, dc, ix, iy, iz, cxx, cxy, cyy) + 1e-290
+    speed = square(dp, dq, da, db, dc, ix, iy, iz, cxx, cxy, cyy) + TINY
     late = (
         dp * (bxx * p1 + cxy * q1)
         + dq * (cxy * p1 + byy * q1)

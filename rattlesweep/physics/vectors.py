@@ -14,8 +14,8 @@ friction.
 
 Phase volume is the product of the volumes of ``u``, which only turns, and of ``omega``.
 It changes at the relative rate ``tr d(J^-1 T)/domega`` with ``J`` and ``T``, the right
-side of Eq. 11, as in :func:`rattlesweep.physics.full.solve`.  With ``w = W omega`` and
-the gyroscopic and viscous part ``G``,
+side of Eq. 11, as in :func:`rattlesweep.physics.full.solve_rates`.  With ``w = W
+omega`` and the gyroscopic and viscous part ``G``,
 
     dT/domega = G + (r.w) 1 - w r^T + omega (W^T r)^T - (r.omega) W,
     J^-1 = ivol (diag(dyz, dzx, dxy) + along s s^T),    s = (x dyz, y dzx, z dxy).
@@ -54,7 +54,7 @@ def unit(vx, vy, vz):
 
 
 @scalar
-def contact(ux, uy, uz, cxx, cxy, cyy, k):
+def contact_under(ux, uy, uz, cxx, cxy, cyy, k):
     """Return the contact point ``r`` and ``rho``."""
     bx = ux + cxx * ux + cxy * uy
     by = uy + cxy * ux + cyy * uy
@@ -124,7 +124,7 @@ def rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, e
     u = unit(vx, vy, vz)
     omega = (a, b, c)
     surface = (cxx, cxy, cyy, k)
-    r, rho = contact(*u, *surface)
+    r, rho = contact_under(*u, *surface)
     rates, normal, _, solved = smooth_rates(
         u, omega, r, rho, surface, (ix, iy, iz), sigma
     )
@@ -145,7 +145,7 @@ def spin(vx, vy, vz, a, b, c):
 def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
     """Return the energy minus the work of friction, in ``M g a``; 0 at rest upright."""
     ux, uy, uz = unit(vx, vy, vz)
-    (x, y, z), _ = contact(ux, uy, uz, cxx, cxy, cyy, k)
+    (x, y, z), _ = contact_under(ux, uy, uz, cxx, cxy, cyy, k)
     # The velocity of the centre of mass, r x omega.
     px, py, pz = y * c - z * b, z * a - x * c, x * b - y * a
     twice_kinetic = ix * a * a + iy * b * b + iz * c * c + px * px + py * py + pz * pz
@@ -160,7 +160,7 @@ def contact_force(
     f = rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
     u = unit(vx, vy, vz)
     omega = (a, b, c)
-    r, rho = contact(*u, cxx, cxy, cyy, k)
+    r, rho = contact_under(*u, cxx, cxy, cyy, k)
     w = moving(u, omega, r, rho, cxx, cxy, cyy, k)
     return force_at(*u, *omega, f[3], f[4], f[5], *r, *w)
 
@@ -171,7 +171,7 @@ def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
     u = unit(vx, vy, vz)
     omega = (a, b, c)
     surface = (cxx, cxy, cyy, k)
-    r, rho = contact(*u, *surface)
+    r, rho = contact_under(*u, *surface)
     x, y, z = r
     _, _, w, solved = smooth_rates(u, omega, r, rho, surface, (ix, iy, iz), sigma)
     dyz, dzx, dxy, along, ivol = solved
@@ -205,7 +205,7 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     omega = (a, b, c)
     surface = (cxx, cxy, cyy, k)
     inertia = (ix, iy, iz)
-    r, rho = contact(*u, *surface)
+    r, rho = contact_under(*u, *surface)
     x, y, z = r
     _, normal, _, solved = smooth_rates(u, omega, r, rho, surface, inertia, sigma)
     dyz, dzx, dxy, along, ivol = solved
@@ -238,7 +238,7 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
 def rolled(u, omega, shape):
     """Return the velocity of the contact point of a rolling body, in its own axes."""
     a, b, c = omega
-    r, rho = contact(*u, *shape)
+    r, rho = contact_under(*u, *shape)
     x, y, z = r
     wx, wy, wz = moving(u, omega, r, rho, *shape)
     # dr/dt = r x omega - w

@@ -15,10 +15,10 @@ class Checked(BaseModel):
     model_config = ConfigDict(strict=True, allow_inf_nan=False, extra="ignore")
 
 
-T = TypeVar("T", bound=Checked)
+_T = TypeVar("_T", bound=Checked)
 
 
-def load_checked(declared: type[T], data: bytes) -> dict[str, Any]:
+def load_checked(declared: type[_T], data: bytes) -> dict[str, Any]:
     """Return the values of a file, or raise a ValueError that says what is wrong."""
     try:
         values = declared.model_validate_json(data)

@@ -42,7 +42,7 @@ from rattlesweep.store.rows import (
 
 # Bytes in memory from which on a file is large: about 30,000 rows, 5 MB on disk.
 FILE_BYTES = 1 << 23
-MANY = 16  # small files that are merged when a session begins
+MANY_FILES = 16  # small files that are merged when a session begins
 
 # Which runs, by case and sample, are those of the session, so that no other process
 # writes or moves their rows.
@@ -96,7 +96,7 @@ def find_merged(stored: Stored, mine: Mine) -> Found:
         for path in files:
             with explained(f"cannot read {path}"), suppress(FileNotFoundError):
                 small += path.stat().st_size < FILE_BYTES
-        if small < MANY:
+        if small < MANY_FILES:
             return stored.find(files)
         merging = _Merging(stored, mine)
         found = stored.find(files, merging.see)

@@ -76,7 +76,7 @@ _MOST_ROWS = 1 << 22
 _MOST_BYTES = 1 << 30
 LOOKS = 100  # at files that others replace meanwhile
 TWICE = "holds runs that are stored twice"
-T = TypeVar("T")
+_T = TypeVar("_T")
 IS_DAMAGED = "{} is damaged; `rattlesweep run` does its runs again"
 
 
@@ -230,7 +230,7 @@ class Stored(Design):
         """Folder of files that are about to replace others."""
         return self.directory / MERGING
 
-    def steadily(self, look: Callable[[list[Path]], T]) -> T:
+    def steadily(self, look: Callable[[list[Path]], _T]) -> _T:
         """Return what a function finds in the files, none of which was gone."""
         for _ in range(LOOKS):
             with contextlib.suppress(GoneError):

@@ -18,7 +18,7 @@ from rattlesweep.design.columns import (
     build_table,
 )
 from rattlesweep.design.config.schema import Config
-from rattlesweep.design.launches import prepare
+from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.models import model_of
 from rattlesweep.design.plan import Plan
 from rattlesweep.design.prepared import Launches
@@ -60,7 +60,7 @@ def load_kernel(config: Config) -> None:
 
 def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> Prepared:
     """Return the bodies, theory and initial states of runs; this needs no kernel."""
-    launches = prepare(plan, case, sample)
+    launches = prepare_launches(plan, case, sample)
     batch = make_batch(launches, plan.config.model)
     if batch is not None and plan.config.classify.early:
         batch = ending_early(batch, launches)

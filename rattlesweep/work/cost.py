@@ -6,7 +6,7 @@ import numpy as np
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.design.config.schema import SdSource
-from rattlesweep.design.launches import prepare
+from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.plan import Plan, make_plan
 from rattlesweep.design.prepared import Launches
 
@@ -60,7 +60,7 @@ def case_costs(plan: Plan) -> Floats:
         return np.ones(count)
     cases = some_cases(count, _MOST_CASES)
     per_case = RUNS_PER_CASE if count > 1 else RUNS_ALONE
-    launches = prepare(*sample_keys(plan, per_case, cases))
+    launches = prepare_launches(*sample_keys(plan, per_case, cases))
     cost = expected_cost(launches, plan.config.model).reshape(len(cases), -1)
     # Cases with neighbouring numbers have similar launches.
     costs: Floats = np.interp(np.arange(count), cases, cost.mean(axis=1))

@@ -217,7 +217,7 @@ class Driver:
             self._refresh = now + REFRESH
         if self._workers:
             self._job.threads = self._threads or max(self._workers.values())
-            self._job.begun = self._job.begun or now
+            self._job.begin()
             self._seen = now
         elif now - self._seen > WORKER_TIMEOUT:
             where = self._client.scheduler.address

@@ -9,7 +9,7 @@ import pyarrow as pa
 from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.design.batches import make_batch
 from rattlesweep.design.columns import floats
-from rattlesweep.design.launches import prepare
+from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.plan import Plan
 from rattlesweep.design.prepared import Launches
 from rattlesweep.integrate.batch import available_threads
@@ -100,7 +100,7 @@ def forecast(
     if getattr(plan.config.bodies, "target", None):
         each = min(each, MOST_AIMED)
     begin = time.perf_counter()
-    launches = prepare(*sample_keys(plan, each, cases))
+    launches = prepare_launches(*sample_keys(plan, each, cases))
     cost = expected_cost(launches, plan.config.model)
     body_seconds = (time.perf_counter() - begin) / len(cost)
     random = np.random.default_rng(_SEED)

@@ -114,8 +114,19 @@ def _passes(samples: int, spread: bool) -> Iterator[tuple[int, int, int, bool]]:
 
 
 @dataclass
+class SessionTally:
+    """What a session has done so far."""
+
+    # When the kernel was loaded, so that the rate leaves out compile time.
+    begun: float | None = None
+    on_disk: int = 0  # wanted runs, with those of earlier sessions
+    computed: int = 0  # runs
+    kernel_seconds: float = 0.0
+
+
+@dataclass
 class Job:
-    """The work of a session: what it is given, and what it has done so far."""
+    """The work of a session: what it is given, and the :attr:`tally` of what it did."""
 
     plan: Plan
     stored: Stored  # where rows are written
@@ -128,11 +139,7 @@ class Job:
     check: Callable[[], None] = lambda: None
 
     def __post_init__(self) -> None:
-        # When the kernel was loaded, so that the rate leaves out compile time.
-        self.begun: float | None = None
-        self.runs = 0  # wanted runs that are on disk
-        self.done = 0  # runs computed in this session
-        self.kernel_seconds = 0.0
+        self.tally = SessionTally()
         self._costs = Costs(case_costs(self.plan))
         self._writer = Writer(self.stored, self.plan.config.classify.as_text)
         method = METHODS[self.plan.config.integrator.method]
@@ -145,6 +152,11 @@ class Job:
         self._wanted = np.zeros(len(self._costs.each), np.int64)
         self._left = self._wanted
         self._fraction = 0.0  # reported last
+
+    def begin(self) -> None:
+        """Note that the kernel is loaded, if that is new."""
+        if self.tally.begun is None:
+            self.tally.begun = time.monotonic()
 
     def blocks(self, wanted: Flags) -> Iterator[Keys]:
         """Yield the wanted runs that are not on disk, in blocks of about equal time."""
@@ -196,13 +208,13 @@ class Job:
             self.check()
             self._writer.write(table)
             self.found.add(table)
-            self.runs += len(table)
-            self.done += len(table)
+            self.tally.on_disk += len(table)
+            self.tally.computed += len(table)
             case, _ = keys_of(table)
             self._left = self._left - np.bincount(case, minlength=len(self._left))
             steps = self._costs.learn(case, floats(table["n_steps"]))
             if seconds is not None:
-                self.kernel_seconds += seconds
+                self.tally.kernel_seconds += seconds
                 self._recent.append((steps, seconds))
 
     def tick(self, keys: Keys | None = None, control: Control | None = None) -> None:
@@ -222,13 +234,17 @@ class Job:
         if most:
             # Neither a new wave nor a better estimate lowers what was reported.
             self._fraction = max(self._fraction, (wanted - left) / most)
-        spent = 0.0 if self.begun is None else now - self.begun
+        spent = 0.0
+        if self.tally.begun is not None:
+            spent = now - self.tally.begun
         done = self._costs.done + under_way
         seconds_left = None
         if spent > 0 and done > 0:
             seconds_left = left * spent / done
-        self.report(Progress(self._fraction, self.runs + ended, seconds_left))
-        if now >= self.deadline and (self.done or ended or spent >= GRACE):
+        runs = self.tally.on_disk + ended
+        self.report(Progress(self._fraction, runs, seconds_left))
+        has_some = self.tally.computed or ended
+        if now >= self.deadline and (has_some or spent >= GRACE):
             raise OutOfTime
 
 

@@ -149,16 +149,16 @@ def run_sweep(
             record["how"] = "stopped" if stopped else "complete"
         finally:
             seconds = time.monotonic() - start
-            record["runs"] = job.done
+            record["runs"] = job.tally.computed
             record["seconds"] = round(seconds, 3)
-            record["kernel_seconds"] = round(job.kernel_seconds, 3)
+            record["kernel_seconds"] = round(job.tally.kernel_seconds, 3)
     return Swept(
         stored=stored,
         found=on_disk,
-        runs=job.runs,
-        done=job.done,
+        runs=job.tally.on_disk,
+        done=job.tally.computed,
         seconds=seconds,
-        kernel_seconds=job.kernel_seconds,
+        kernel_seconds=job.tally.kernel_seconds,
         stopped=stopped,
         missing=missing,
         summary=summary,
@@ -227,10 +227,10 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> str | Non
         wanted = wanted_runs(plan, on_disk)
         if shard is not None:
             wanted = shard.runs(plan.shape)
-        job.runs = int((wanted & on_disk.done).sum())
+        job.tally.on_disk = int((wanted & on_disk.done).sum())
         if on_disk.done[wanted].all():
-            if job.done:
-                job.report(Progress(1.0, job.runs, 0.0))
+            if job.tally.computed:
+                job.report(Progress(1.0, job.tally.on_disk, 0.0))
             return None
         job.stored.drop_summary()
         try:
@@ -238,12 +238,12 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> str | Non
         except OutOfTime:
             # The last run may end just as the time is up.
             if not on_disk.done[wanted].all():
-                if not job.done:
+                if not job.tally.computed:
                     return "the time is up before any run had ended; allow more"
                 return "the time is up"
         except BaseException as error:
             if not isinstance(error, Exception):
-                error.add_note(f"{job.runs:,} runs are kept")
+                error.add_note(f"{job.tally.on_disk:,} runs are kept")
             raise
         left = int((wanted & ~on_disk.done).sum())
         if left:
@@ -263,7 +263,7 @@ def local(job: Job, blocks: Iterator[Keys]) -> None:
             # Meanwhile the kernel is loaded, or the block before is computed.
             prepared = None if keys is None else prepare_runs(plan, *keys)
             loading.wait()
-            job.begun = job.begun or time.monotonic()
+            job.begin()
             if before is not None:
                 tasks[0].wait(partial(job.tick, before))
             if prepared is not None:

@@ -5,7 +5,7 @@ import math
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.analysis.advice import SHARE, weights_for_skew
+from rattlesweep.analysis.advice import WEIGHT_SHARE, weights_for_skew
 from rattlesweep.physics.mesh import shapes
 from rattlesweep.physics.mesh.printing import write
 
@@ -16,7 +16,7 @@ SIZES = {"length": "12 cm", "width": "3 cm", "height": "12 mm", "mass": "60 g"}
 def test_two_weights_on_a_half_ellipsoid(given):
     body = rs.Rattleback.half_ellipsoid(**SIZES, skew=math.radians(given))
     advice = weights_for_skew(body)
-    assert advice.mass == pytest.approx(SHARE * 0.06, rel=0.3)
+    assert advice.mass == pytest.approx(WEIGHT_SHARE * 0.06, rel=0.3)
     assert math.degrees(advice.skew) > abs(given) + 1
     x, y = advice.place
     assert (x / 0.06) ** 2 + (y / 0.015) ** 2 < 0.75
@@ -34,7 +34,7 @@ def test_two_weights_on_a_half_ellipsoid(given):
 def test_two_weights_on_a_mesh(given, tmp_path):
     pytest.importorskip("trimesh")
     path = tmp_path / "stone.stl"
-    write(shapes.half_ellipsoid(0.12, 0.03, 0.012, 32, math.radians(given)), path)
+    write(shapes.half_ellipsoid_solid(0.12, 0.03, 0.012, 32, math.radians(given)), path)
     body = rs.Rattleback.from_mesh(path, mass="60 g")
     advice = weights_for_skew(body)
     mass = f"{float(advice.mass)!r} kg"

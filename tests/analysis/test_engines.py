@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 from sweeping import ROOT, invoke
 
 import rattlesweep as rs
-from rattlesweep.analysis.engines.case import Case
+from rattlesweep.analysis.engines.case import EngineCase
 from rattlesweep.analysis.engines.mjcf import to_mjcf
 from rattlesweep.errors import ConfigError
 
@@ -76,7 +76,7 @@ def test_what_cannot_be_exported_is_refused(body, more, sentence):
 
 def reference(name):
     """Return a reference case as an object."""
-    return Case.model_validate_json((FOLDER / f"{name}.json").read_text())
+    return EngineCase.model_validate_json((FOLDER / f"{name}.json").read_text())
 
 
 def test_the_models_of_the_cases_are_up_to_date():

@@ -15,7 +15,7 @@ import rattlesweep as rs
 from rattlesweep.analysis.onerun.solids import MOST_TRIANGLES
 from rattlesweep.physics.mesh import shapes
 from rattlesweep.physics.mesh.solid import Solid
-from rattlesweep.physics.mesh.thinning import thinned
+from rattlesweep.physics.mesh.thinning import with_fewer_faces
 
 pytest.importorskip("trimesh")
 SIZES = "12cm,3cm,12mm"
@@ -77,7 +77,7 @@ def test_the_page_has_the_mesh_in_the_frame_of_its_body(stone, page):
     # With its coins it has the moments of the body, in M a^2, along the axes.
     pose = body.pose
     places = [(1.0, pose.placed(np.array([at]) * 1e-3)[0]) for _, at in COINS]
-    solid = shapes.half_ellipsoid(0.12, 0.03, 0.012, 56)
+    solid = shapes.half_ellipsoid_solid(0.12, 0.03, 0.012, 56)
     turned = Solid(pose.placed(solid.vertices), solid.faces)
     mass = turned.mass(8.0).with_points(places)
     assert mass.centre == pytest.approx(0, abs=1e-7)
@@ -86,10 +86,10 @@ def test_the_page_has_the_mesh_in_the_frame_of_its_body(stone, page):
 
 
 def test_outlines_of_a_thinned_mesh_stay():
-    solid = shapes.half_ellipsoid(0.12, 0.03, 0.012, 40)
-    coarse = thinned(solid, 4000)
+    solid = shapes.half_ellipsoid_solid(0.12, 0.03, 0.012, 40)
+    coarse = with_fewer_faces(solid, 4000)
     assert len(coarse.faces) <= 4000
-    assert thinned(solid, 10**6) is solid
+    assert with_fewer_faces(solid, 10**6) is solid
     # What is left are vertices of the mesh, and the edge of the flat side among them.
     rim = coarse.vertices[np.abs(coarse.vertices[:, 2]) < 1e-12]
     shape = (rim[:, 0] / 0.06) ** 2 + (rim[:, 1] / 0.015) ** 2

@@ -36,6 +36,15 @@ class Compiler:
         if _cache_settings() != self._settings:  # a test has a cache of its own
             return start_child(wanted)
         self._busy.acquire()
+        try:
+            self._order(wanted)
+        except BaseException:
+            self._busy.release()
+            raise
+        return self
+
+    def _order(self, wanted: list[Any]) -> None:
+        """Send orders to the process, which is started if there is none."""
         if self._process is None:
             self._process = _start()
         orders = [
@@ -45,7 +54,6 @@ class Compiler:
         with contextlib.suppress(BrokenPipeError):
             self._process.stdin.write(json.dumps(orders) + "\n")
             self._process.stdin.flush()
-        return self
 
     def wait(self) -> None:
         """Wait until the orders are done, or the process has died."""

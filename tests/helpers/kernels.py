@@ -116,7 +116,7 @@ def mode_energies(body, n_i, omega_xy0):
     """Return the energies of pitch and roll in a launch along the relevant mode."""
     modes = _modes(body)
     psi = theory.direction(modes, n_i, "relevant")
-    return reduced.mode_energies(
+    return reduced.launch_energies(
         body["alpha"], body["beta"], modes.psi_p, modes.psi_r, omega_xy0, psi
     )
 

@@ -67,7 +67,7 @@ def twisted(turned_by):
 
 def test_a_twist_makes_the_skew():
     skew = math.radians(5)
-    solid = shapes.half_ellipsoid(0.12, 0.03, 0.012, 64, skew)
+    solid = shapes.half_ellipsoid_solid(0.12, 0.03, 0.012, 64, skew)
     turned_by = shapes.twist_of(skew, 4)
     mass = solid.mass(1.0)
     assert mass.inertia == pytest.approx(twisted(turned_by), rel=1e-3, abs=1e-9)
@@ -90,9 +90,9 @@ def test_a_twist_makes_the_skew():
 
 
 def test_pockets_are_holes_of_their_size():
-    plain = shapes.half_ellipsoid(0.12, 0.04, 0.015, 24)
+    plain = shapes.half_ellipsoid_solid(0.12, 0.04, 0.015, 24)
     pockets = shapes.pockets_at((0.03, -0.005), (0.01, 0.004))
-    solid = shapes.half_ellipsoid(0.12, 0.04, 0.015, 24, pockets=pockets)
+    solid = shapes.half_ellipsoid_solid(0.12, 0.04, 0.015, 24, pockets=pockets)
     corners = shapes.POCKET_CORNERS
     circle = corners / 2 * math.sin(2 * math.pi / corners) * 0.005**2
     assert plain.volume - solid.volume == pytest.approx(2 * circle * 0.004, rel=1e-9)
@@ -106,7 +106,7 @@ def test_pockets_are_holes_of_their_size():
     assert filled.centre == pytest.approx(whole.centre, abs=1e-10)
     assert filled.inertia == pytest.approx(whole.inertia, rel=2e-3, abs=1e-9)
     with pytest.raises(ValueError, match="of wall; make it smaller"):
-        shapes.half_ellipsoid(
+        shapes.half_ellipsoid_solid(
             0.12, 0.03, 0.012, 24, pockets=shapes.pockets_at((0.05, 0), (0.02, 0.002))
         )
 
@@ -156,7 +156,7 @@ def test_a_sweep_of_two_meshes(stones, tmp_path, monkeypatch):
 
 def test_radii_that_change_with_the_range_are_told(stones, tmp_path):
     """A bottom that becomes steeper beside its foot has no one curvature."""
-    solid = shapes.half_ellipsoid(120, 30, 12, 32)
+    solid = shapes.half_ellipsoid_solid(120, 30, 12, 32)
     x, y, z = solid.vertices.T
     rise = 1 + z / 12
     steeper = rise * (1 + 0.3 * np.tanh((rise / 0.1) ** 2))

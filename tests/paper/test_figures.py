@@ -106,7 +106,7 @@ def random_bodies(ws):
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
-    monkeypatch.setattr(formulas, "SAMPLES", 50)
+    monkeypatch.setattr(formulas, "CHECKED_BODIES", 50)
 
 
 def claim(name):

@@ -63,13 +63,15 @@ def test_mode_energies_add_up_to_that_of_the_launch():
     w = 10 ** rng.uniform(-12, 0, 200)
     psi = rng.uniform(-np.pi, np.pi, 200)
     kinetic = 0.5 * (alpha * (w * np.cos(psi)) ** 2 + beta * (w * np.sin(psi)) ** 2)
-    e_p, e_r = reduced.mode_energies(alpha, beta, modes.psi_p, modes.psi_r, w, psi)
+    e_p, e_r = reduced.launch_energies(alpha, beta, modes.psi_p, modes.psi_r, w, psi)
     assert np.all(e_p >= 0)
     assert np.all(e_r >= 0)
     np.testing.assert_allclose(e_p + e_r, kinetic, rtol=1e-13)
     # A launch along one mode has no energy in the other.
     for launched, still, psi in ((0, 1, modes.psi_p), (1, 0, modes.psi_r)):
-        energies = reduced.mode_energies(alpha, beta, modes.psi_p, modes.psi_r, w, psi)
+        energies = reduced.launch_energies(
+            alpha, beta, modes.psi_p, modes.psi_r, w, psi
+        )
         kinetic = 0.5 * w**2 * (alpha * np.cos(psi) ** 2 + beta * np.sin(psi) ** 2)
         np.testing.assert_allclose(energies[launched], kinetic, rtol=1e-14)
         assert np.all(energies[still] == 0)

@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 
 import rattlesweep as rs
 from rattlesweep.physics.mesh.bottom import MOST_POINTS
-from rattlesweep.physics.mesh.shapes import bowl, half_ellipsoid
-from rattlesweep.physics.mesh.solid import Mass, Solid
-from rattlesweep.physics.mesh.standing import settle, stand
+from rattlesweep.physics.mesh.shapes import bowl, half_ellipsoid_solid
+from rattlesweep.physics.mesh.solid import MassProperties, Solid
+from rattlesweep.physics.mesh.standing import stand, stand_on
 from rattlesweep.physics.mesh.stl import read_binary_stl
 
 SIZES = (0.12, 0.03, 0.012)
@@ -34,14 +34,15 @@ def errors(parameters):
 
 def test_half_ellipsoids_converge_at_second_order_in_the_facets():
     coarse, fine = (
-        errors(standing_of(half_ellipsoid(*SIZES, n)).parameters) for n in (24, 48)
+        errors(standing_of(half_ellipsoid_solid(*SIZES, n)).parameters)
+        for n in (24, 48)
     )
     assert np.abs(fine).max() < 3e-4
     assert coarse / fine == pytest.approx(4, rel=0.03)
 
 
 def test_a_turned_and_shifted_mesh_is_the_same_body():
-    solid = half_ellipsoid(*SIZES, 24)
+    solid = half_ellipsoid_solid(*SIZES, 24)
     plain = standing_of(solid).parameters
     for seed in range(3):
         turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
@@ -109,9 +110,9 @@ def test_the_printed_stone_of_a_student_project():
     points = np.column_stack([x.ravel(), -y.ravel(), -down.ravel()]) * 1e-2
     inertia = np.diag([3.57335703, 53.9837801, 56.1479905])
     inertia[0, 1] = inertia[1, 0] = 1.52444531
-    mass = Mass(13.2931e-3, np.zeros(3), inertia * 1e-7)
+    mass = MassProperties(13.2931e-3, np.zeros(3), inertia * 1e-7)
     up = np.array([0.0, 0.0, 1.0])
-    standing = settle(points, mass, up, up)
+    standing = stand_on(points, mass, up, up)
     assert standing.surface.radii * 1e3 == pytest.approx([9.647, 164.0], rel=1e-3)
     body = standing.parameters
     assert body["alpha"] == pytest.approx(11.4390, rel=5e-3)
@@ -133,17 +134,17 @@ def test_layers_of_a_tenth_of_a_millimetre():
         wide = np.sqrt(1 - depth**2)
         ring = [length / 2 * wide * np.cos(turn), width / 2 * wide * np.sin(turn)]
         rings.append(np.column_stack([*ring, np.full(160, low - height)]))
-    solid = half_ellipsoid(*SIZES, 48)
+    solid = half_ellipsoid_solid(*SIZES, 48)
     mass = solid.mass(0.06).with_points(COINS)
     up = np.array([0.0, 0.0, 1.0])
-    standing = settle(np.vstack(rings) - mass.centre, mass, up, up)
+    standing = stand_on(np.vstack(rings) - mass.centre, mass, up, up)
     assert standing.surface.radii * 1e3 == pytest.approx([18.75, 300], rel=0.02)
     assert standing.height == pytest.approx(0.0084, abs=1e-4)
 
 
 def test_many_vertices_are_thinned_without_a_loss():
     """Of 66,000 low vertices some thousands are fitted, and the foot is the same."""
-    solid = half_ellipsoid(*SIZES, 130)
+    solid = half_ellipsoid_solid(*SIZES, 130)
     assert len(solid.faces) > 130_000
     standing = standing_of(solid)
     assert np.abs(errors(standing.parameters)).max() < 5e-5
@@ -155,7 +156,7 @@ def test_many_vertices_are_thinned_without_a_loss():
 
 def test_binary_stl_is_read_as_the_library_reads_it(tmp_path):
     trimesh = pytest.importorskip("trimesh")
-    solid = half_ellipsoid(120, 30, 12, 24)
+    solid = half_ellipsoid_solid(120, 30, 12, 24)
     mesh = trimesh.Trimesh(solid.vertices, solid.faces, process=False)
     content = mesh.export(file_type="stl")
     vertices, faces = read_binary_stl(content)
@@ -168,7 +169,7 @@ def test_binary_stl_is_read_as_the_library_reads_it(tmp_path):
 
 
 def test_meshes_that_are_no_body():
-    solid = half_ellipsoid(*SIZES, 24)
+    solid = half_ellipsoid_solid(*SIZES, 24)
     with pytest.raises(ValueError, match="open: 3 edges"):
         Solid.of(solid.vertices, solid.faces[1:])
     turned = solid.faces.copy()
@@ -185,7 +186,7 @@ def test_meshes_that_are_no_body():
 
 def test_files_units_and_points(tmp_path):
     trimesh = pytest.importorskip("trimesh")
-    solid = half_ellipsoid(120, 30, 12, 32)
+    solid = half_ellipsoid_solid(120, 30, 12, 32)
     mesh = trimesh.Trimesh(solid.vertices, solid.faces, process=False)
     points = [("7.5 g", (45, -9, 0)), ("7.5 g", ("-45 mm", "9 mm", 0))]
     for ending in ("3mf", "obj", "ply", "stl"):

@@ -106,7 +106,7 @@ def test_small_files_are_merged_when_a_session_begins(output, whole, monkeypatch
 
 
 def test_few_small_files_stay_as_they_are(output, whole, monkeypatch):
-    monkeypatch.setattr(merging, "MANY", len(files_of(output)) + 1)
+    monkeypatch.setattr(merging, "MANY_FILES", len(files_of(output)) + 1)
     before = sweeping.tree(output / "runs")
     sweeping.sweep(output, CONFIG)
     assert sweeping.tree(output / "runs") == before
@@ -180,7 +180,7 @@ def test_a_damaged_merged_file_stands_for_nothing(interrupted, whole):
     result = invoke("status", interrupted)
     assert (result.exit_code, "is damaged" in result.stderr) == (1, True)
     job = sweeping.sweep(interrupted, CONFIG)
-    assert job.done == RUNS // 2
+    assert job.tally.computed == RUNS // 2
     shutil.rmtree(interrupted / "damaged")
     check_equal(interrupted, whole)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sweeping import plan_of
 
-from rattlesweep.design.launches import prepare
+from rattlesweep.design.launches import prepare_launches
 from rattlesweep.store.parquet import write_parquet
 from rattlesweep.work.cost import expected_cost, sample_keys
 from rattlesweep.work.forecast import forecast
@@ -53,7 +53,9 @@ def test_it_says_what_the_plan_takes(tmp_path):
     write_parquet(rows, tmp_path / "a")
     assert expected.bytes == pytest.approx((tmp_path / "a").stat().st_size, rel=0.5)
     # Runs drawn in proportion to expected cost estimate the mean of steps / cost.
-    cost = expected_cost(prepare(*sample_keys(plan, 10_000, np.arange(2))), "full")
+    cost = expected_cost(
+        prepare_launches(*sample_keys(plan, 10_000, np.arange(2))), "full"
+    )
     steps = rows["n_steps"].to_numpy()
     drawn = np.random.default_rng(1).choice(len(cost), 500, p=cost / cost.sum())
     guess = (steps[drawn] / cost[drawn]).mean() * cost.mean() * plan.runs

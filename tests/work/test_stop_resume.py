@@ -337,7 +337,7 @@ def test_the_time_left_is_right_within_a_third_after_a_minute(seed, monkeypatch)
 
     samples = int(600 * 1e7 / actual.sum())  # ten minutes in all
     work = new_job(monkeypatch, expected, samples, note)
-    work.begun = 0.0
+    work.tally.begun = 0.0
     for case, sample in work.blocks(np.ones((24, samples), bool)):
         steps = actual[case] * dice.exponential(1.0, len(case))
         seconds = steps.sum() / 1e7 * dice.uniform(0.8, 1.2)
@@ -379,7 +379,7 @@ def test_progress_never_falls_and_ends_at_one(waves, monkeypatch):
     seen: list[Progress] = []
     costs = 10 ** np.random.default_rng(5).uniform(0, 4, 20)
     work = new_job(monkeypatch, costs, 50, seen.append)
-    work.begun = 0.0
+    work.tally.begun = 0.0
     wanted = np.zeros((20, 50), bool)
     for wave in range(waves):
         wanted[:, : 50 * (wave + 1) // waves] = True

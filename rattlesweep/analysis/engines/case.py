@@ -30,18 +30,18 @@ if TYPE_CHECKING:
     Columns = dict[str, Floats]
 
 # The first gives the poses; the second checks its zeros.
-METHODS = ("dop853", "verner98")
-TOL = 1e-13
+BOTH_METHODS = ("dop853", "verner98")
+TIGHTEST_TOL = 1e-13
 # Zeros count as known while both methods agree to this, relative to the time.
 AGREED = 1e-6
-MOST_ZEROS = 20
+LISTED_ZEROS = 20
 # Errors of zeros: so many differences of both methods, and at least this of the time.
-SAFETY = 3.0
-LEAST_ERROR = 1e-12
+ZERO_ERROR = 3.0
+LEAST_ZERO_ERROR = 1e-12
 POSES = 10
-MASS = 1.0  # of a body without a size, in kg; it changes no time
+ASSUMED_MASS = 1.0  # of a body without a size, in kg; it changes no time
 ARMED = 0.25  # share of n_0 that the spin of a tap exceeds before its zeros count
-CHANNELS = (
+CASE_CHANNELS = (
     *("t", "n", "energy", "q0", "q1", "q2", "q3"),
     *("omega_x", "omega_y", "omega_z", "contact_x", "contact_y", "contact_z"),
 )
@@ -98,13 +98,13 @@ def of(description: str) -> Any:
     return Field(description=description)
 
 
-class Part(BaseModel):
+class DocumentPart(BaseModel):
     """A part of the document."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Surface(Part):
+class LowerSurface(DocumentPart):
     """The lower surface of the body."""
 
     shape: Literal["ellipsoid", "paraboloid"]
@@ -119,20 +119,20 @@ class Surface(Part):
     ]
 
 
-class Body(Part):
+class Body(DocumentPart):
     """The rigid body."""
 
     mass: Annotated[float, of("kg")]
     height: Annotated[float, of("Height of the centre of mass at rest, m.")]
     inertia: Annotated[Vector, of("Principal moments about the centre of mass, kg m2.")]
-    surface: Surface
+    surface: LowerSurface
     parameters: Annotated[
         dict[str, float],
         of("The same body in rattlesweep, in units of mass, height and gravity."),
     ]
 
 
-class Loss(Part):
+class LossConstant(DocumentPart):
     """A constant of dissipation other than sliding friction."""
 
     value: float
@@ -140,7 +140,7 @@ class Loss(Part):
     meaning: str
 
 
-class Plane(Part):
+class Plane(DocumentPart):
     """What the plane does to the body."""
 
     gravity: Annotated[float, of("m/s2")]
@@ -148,10 +148,10 @@ class Plane(Part):
         float | None,
         of("Coefficient of sliding friction; null for a plane that always holds."),
     ]
-    losses: dict[str, Loss]
+    losses: dict[str, LossConstant]
 
 
-class Start(Part):
+class Start(DocumentPart):
     """The state at time zero."""
 
     position: Annotated[Vector, of("Centre of mass, m.")]
@@ -160,14 +160,14 @@ class Start(Part):
     omega: Annotated[Vector, of("rad/s")]
 
 
-class Zero(Part):
+class Zero(DocumentPart):
     """A zero of the spin."""
 
     time: Annotated[float, of("s")]
     error: Annotated[float, of("s")]
 
 
-class Method(Part):
+class Method(DocumentPart):
     """A method of integration and what it found."""
 
     method: str
@@ -176,14 +176,14 @@ class Method(Part):
     first_reversal: Annotated[float | None, of("s")]
 
 
-class Contact(Part):
+class ContactExtremes(DocumentPart):
     """Extremes of the contact force up to the first reversal."""
 
     friction: Annotated[float, of("Largest ratio of tangential to normal force.")]
     least_normal: Annotated[float, of("Least normal force, N.")]
 
 
-class Pose(Part):
+class Pose(DocumentPart):
     """The body at some time."""
 
     time: Annotated[float, of("s")]
@@ -193,7 +193,7 @@ class Pose(Part):
     energy: Annotated[float, of("J, zero at rest upright")]
 
 
-class Expected(Part):
+class Expected(DocumentPart):
     """What a program should find."""
 
     spun: Literal["counterclockwise", "clockwise", "without spin"]
@@ -208,14 +208,14 @@ class Expected(Part):
         list[tuple[float, float]],
         of("Begin and end of each slide up to the first reversal, s."),
     ]
-    contact: Contact
+    contact: ContactExtremes
     energy: Annotated[float, of("At launch, J; zero at rest upright.")]
     poses: Annotated[
         list[Pose], of("Ten times, evenly spaced up to the first reversal.")
     ]
 
 
-class Case(Part):
+class EngineCase(DocumentPart):
     """A run of a rattleback that another program can repeat."""
 
     format: Literal["rattlesweep engine case 1"] = "rattlesweep engine case 1"
@@ -240,13 +240,13 @@ def case_schema() -> dict[str, Any]:
     """Return the JSON Schema of the document."""
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **Case.model_json_schema(mode="serialization"),
+        **EngineCase.model_json_schema(mode="serialization"),
     }
 
 
 def make_case(
     run: PreparedRun, name: str, about: str = "", height: float | None = None
-) -> Case:
+) -> EngineCase:
     """Integrate a run by two methods, and return its document.
 
     `height` is that of the centre of mass of a body without a size, in m; a
@@ -261,15 +261,17 @@ def make_case(
         )
     units = _units(run, height)
     if run.units is None:
-        chosen = f"The size and the mass of {MASS:g} kg are chosen."
+        chosen = f"The size and the mass of {ASSUMED_MASS:g} kg are chosen."
         about = f"{about} {chosen}".strip()
-    first, second = (_followed(run, method) for method in METHODS)
+    first, second = (_followed(run, method) for method in BOTH_METHODS)
     reversal, other = (_first_reversal(run, follower) for follower in (first, second))
     end = run.t_end
     if reversal is not None:
         end = reversal
     course = Course(
-        _by(run, METHODS[0], end), CHANNELS, times=np.linspace(0.0, end, 1 + POSES)
+        _by(run, BOTH_METHODS[0], end),
+        CASE_CHANNELS,
+        times=np.linspace(0.0, end, 1 + POSES),
     )
     columns = course.columns()
     poses = [_pose(columns, row, units) for row in range(1 + POSES)]
@@ -281,7 +283,7 @@ def make_case(
     ]
     n_i = run.launch["n_i"]
     force, _ = units.sizes["M g"]
-    return Case(
+    return EngineCase(
         name=name,
         about=about,
         conventions=CONVENTIONS,
@@ -294,9 +296,9 @@ def make_case(
             counts_above=_counts_above(run) / time,
             first_reversal=_reversal(reversal, other, units),
             until=run.t_end * time,
-            zeros=zeros[:MOST_ZEROS],
+            zeros=zeros[:LISTED_ZEROS],
             slides=[(begin * time, stop * time) for begin, stop in course.slides],
-            contact=Contact(
+            contact=ContactExtremes(
                 friction=course.friction, least_normal=force * course.least_normal
             ),
             energy=poses[0].energy,
@@ -305,12 +307,12 @@ def make_case(
         methods=[
             Method(
                 method=method,
-                tol=TOL,
+                tol=TIGHTEST_TOL,
                 steps=follower.n_steps,
                 first_reversal=None if found is None else found * time,
             )
             for method, follower, found in zip(
-                METHODS, (first, second), (reversal, other), strict=True
+                BOTH_METHODS, (first, second), (reversal, other), strict=True
             )
         ],
         made_by=f"rattlesweep {version('rattlesweep')}",
@@ -328,12 +330,12 @@ def _units(run: PreparedRun, height: float | None) -> Units:
             "length: the body has no size; give the height of its centre of mass, such "
             "as 1 cm"
         )
-    return Units(MASS, height)
+    return Units(ASSUMED_MASS, height)
 
 
 def _by(run: PreparedRun, method: str, t_end: float) -> PreparedRun:
     """Return a run up to a time by a method at its tightest tolerance."""
-    steps = {"method": method, "tol": TOL, "dt": None, "accuracy": None}
+    steps = {"method": method, "tol": TIGHTEST_TOL, "dt": None, "accuracy": None}
     integrator = run.config.integrator.model_copy(update=steps)
     launches = replace(run.launches, horizon=np.array([t_end]))
     return replace(
@@ -383,7 +385,7 @@ def _reversal(first: float | None, second: float | None, units: Units) -> Zero |
 
 
 def _zero(first: float, second: float, units: Units) -> Zero:
-    error = max(SAFETY * abs(first - second), LEAST_ERROR * first)
+    error = max(ZERO_ERROR * abs(first - second), LEAST_ZERO_ERROR * first)
     return Zero(time=first * units.time, error=error * units.time)
 
 
@@ -422,7 +424,7 @@ def _body(run: PreparedRun, units: Units) -> Body:
         along = math.sqrt(c / body["phi"])
         semi_axes = size * across, size * along, size * c
         centre = 0.0, 0.0, size * (c - 1)
-    surface = Surface(
+    surface = LowerSurface(
         shape="paraboloid" if c is None else "ellipsoid",
         radii=(size / body["theta"], size / body["phi"]),
         # Angles are clockwise where z points down.
@@ -452,7 +454,7 @@ def _plane(run: PreparedRun, units: Units) -> Plane:
         if value > 0:
             size, unit = units.sizes[LOSSES[name].unit]
             meaning = LOSSES[name].meaning
-            in_si[name] = Loss(value=size * value, unit=unit, meaning=meaning)
+            in_si[name] = LossConstant(value=size * value, unit=unit, meaning=meaning)
     return Plane(gravity=units.gravity, friction=friction, losses=in_si)
 
 

@@ -5,21 +5,21 @@ from collections.abc import Sequence
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from rattlesweep.analysis.engines.case import Case
+from rattlesweep.analysis.engines.case import EngineCase
 from rattlesweep.analysis.onerun.course import PreparedRun
 from rattlesweep.errors import ConfigError
 from rattlesweep.shipped import linked
 
 # Friction of a plane that always holds: this, or so many times what rolling needs.
-FRICTION = 1.0
+HOLDING_FRICTION = 1.0
 AMPLE = 2.0
 # So many times with pivoting friction, of which MuJoCo's cone takes away the more, the
 # more of the sliding friction is used (docs/engines.md).
 AMPLE_IN_PIVOTING = 10.0
 # Time constant of the contact in sqrt(a/g), and the steps in it: the fewest that
 # MuJoCo allows, with which its error is smallest (docs/engines.md).
-SHARE = 0.005
-STEPS = 2
+CONTACT_TIME = 0.005
+STEPS_IN_CONTACT_TIME = 2
 
 
 def check_model(run: PreparedRun) -> None:
@@ -41,14 +41,14 @@ def check_model(run: PreparedRun) -> None:
         )
 
 
-def to_mjcf(case: Case, one_percent: float | None = None) -> str:
+def to_mjcf(case: EngineCase, one_percent: float | None = None) -> str:
     """Return the model of the case of a run that passed :func:`check_model`.
 
     `one_percent` is the time constant of the contact, in ``sqrt(a/g)``, that is known
     to give the first reversal to 1 %.
     """
     unit_of_time = math.sqrt(case.body.height / case.plane.gravity)
-    time_constant = SHARE * unit_of_time
+    time_constant = CONTACT_TIME * unit_of_time
     lever = 0.0
     if "pivot" in case.plane.losses:
         lever = case.plane.losses["pivot"].value
@@ -70,7 +70,7 @@ def to_mjcf(case: Case, one_percent: float | None = None) -> str:
         case=case,
         expected=case.expected,
         surface=case.body.surface,
-        share=SHARE,
+        share=CONTACT_TIME,
         one_percent=one_percent,
         unit_of_time=unit_of_time,
         friction=float(friction),
@@ -78,7 +78,7 @@ def to_mjcf(case: Case, one_percent: float | None = None) -> str:
         torque_left=math.sqrt(1 - used**2),
         weight=case.body.mass * case.plane.gravity,
         time_constant=time_constant,
-        timestep=time_constant / STEPS,
+        timestep=time_constant / STEPS_IN_CONTACT_TIME,
         turned=(math.cos(half), 0.0, 0.0, math.sin(half)),
     )
     return linked(text)
@@ -88,8 +88,8 @@ def _ample(needed: float, lever: float) -> float:
     """Return a coefficient of sliding friction with which a body rolls always."""
     if lever > 0:
         return math.ceil(AMPLE_IN_PIVOTING * needed)
-    if needed < FRICTION:
-        return FRICTION
+    if needed < HOLDING_FRICTION:
+        return HOLDING_FRICTION
     return math.ceil(AMPLE * needed)
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _STEP = 0.4
 # A profile ends where this root is larger than at the end of the interval by a factor.
 _BEYOND = 1.3
-MOST_POINTS = 40  # on each side
+MOST_PROFILE_POINTS = 40  # on each side
 _MOST_STEPS = 30  # of a search
 _CLOSE = 1e-3  # of the ends of the interval, in standard errors
 # A decrease of chi squared by which another fit is better, and not the same again.
@@ -79,7 +79,7 @@ class Profile:
         step = _STEP * min(error, 0.1 * abs(limit - best[place]))
         points = [ProfilePoint(best, 0.0)]
         slope = np.zeros(len(best))
-        while len(points) <= MOST_POINTS and points[-1].x[place] != limit:
+        while len(points) <= MOST_PROFILE_POINTS and points[-1].x[place] != limit:
             last = points[-1]
             value = last.x[place] + sign * step
             if sign * value > sign * limit:

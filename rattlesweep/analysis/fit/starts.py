@@ -24,6 +24,9 @@ _WIDE = 2.0
 FACTORS = {"n_i": (0.7, 1.3), "omega_xy0": (0.3, 3.0)}
 LOSS_FACTORS = (0.1, 5.0)
 UNKNOWN_SPINS = (0.03, 0.6)
+# First values where nothing but zero is given.
+UNKNOWN_SPIN = 0.1
+UNKNOWN_SKEW = math.radians(1)
 DIRECTIONS_OFF = 90.0  # degrees
 
 
@@ -58,13 +61,16 @@ def first_values(problem: FitProblem) -> dict[str, list[float]]:
     launch = problem.launch
     film = problem.film
     body = launch.body
-    spin = launch.n_i or 0.1
+    is_tap = launch.n_i == 0
+    spin = UNKNOWN_SPIN
+    if launch.n_i is not None and not is_tap:
+        spin = launch.n_i
     size = abs(spin)
     if film.kind != "reversal":
         spin = film.first_spin
         size = film.spin_size
     shares = (0.01, 0.03, 0.1, 0.3)
-    if launch.n_i == 0:
+    if is_tap:
         # All the spin of a tap comes from the oscillation.
         shares = (0.1, 0.3, 1.0, 3.0)
     decay = body.gamma / float(film.t[-1])
@@ -75,11 +81,14 @@ def first_values(problem: FitProblem) -> dict[str, list[float]]:
     psi_deg = math.degrees(psi)
     if isinstance(launch.psi, float):
         psi_deg = launch.psi
+    skew = -body.xi
+    if skew == 0:
+        skew = UNKNOWN_SKEW
     guesses = {
         "n_i": [spin],
         "omega_xy0": [share * size for share in shares],
         "psi_deg": [psi_deg],
-        "skew": [-body.xi or math.radians(1)],
+        "skew": [skew],
     }
     for name, loss in LOSSES.items():
         size = decay if loss.unit == DAMPING else 1.0

@@ -10,7 +10,7 @@ from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
 from rattlesweep.design.batches import full_batch
 from rattlesweep.design.bodies.table import OMEGA, TableBodies, U, launched_from
-from rattlesweep.design.launches import prepare
+from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.models import model_of
 from rattlesweep.design.single import Launch, directions, plan_of_rows
 from rattlesweep.errors import ConfigError
@@ -41,7 +41,7 @@ def reversal_times(
         return [_followed(launch, count) for launch in launches]
     plan = plan_of_rows(TableBodies(_columns(launches)), "full", {}, ["reversals"], {})
     rows = np.arange(len(launches))
-    prepared = prepare(plan, np.zeros_like(rows), rows)
+    prepared = prepare_launches(plan, np.zeros_like(rows), rows)
     settings = plan.config.integrator
     outcome = integrate(
         full_batch(prepared),

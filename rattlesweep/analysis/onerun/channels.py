@@ -19,8 +19,8 @@ from rattlesweep.physics import full, reduced
 from rattlesweep.physics.full import quaternion
 from rattlesweep.physics.readings import (
     Shape,
-    contact_of,
     contact_point,
+    contact_point_on,
     mode_energies,
 )
 from rattlesweep.quantities import ENERGY, FORCE, LENGTH, RATE, SPEED, TIME
@@ -114,7 +114,7 @@ class View:
         constants = self.follower.constants
         shape = Shape(*(constants[name] for name in Shape._fields if name in constants))
         if surface is not None and not surface.quadric:
-            return contact_of(surface, *self.slopes, shape)
+            return contact_point_on(surface, *self.slopes, shape)
         point = contact_point(*self.slopes, shape)
         if not self.is_anywhere:
             return point

@@ -26,10 +26,11 @@ from rattlesweep.analysis.onerun.channels import (
 )
 from rattlesweep.analysis.onerun.section import RISES, CrossingSearch, Section
 from rattlesweep.arrays import Flags, Floats, take
+from rattlesweep.defaults import LEAST_ROWS, ROWS_A_PERIOD
 from rattlesweep.design import columns
 from rattlesweep.design.batches import make_batch, reduced_batch, with_energies
 from rattlesweep.design.columns import build_table
-from rattlesweep.design.launches import prepare
+from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.models import model_of
 from rattlesweep.design.single import Launch, plan_of
 from rattlesweep.errors import ConfigError
@@ -49,15 +50,12 @@ if TYPE_CHECKING:
     from rattlesweep.design.config.schema import Config
     from rattlesweep.design.prepared import Launches
     from rattlesweep.integrate.batch import Batch
-    from rattlesweep.physics.mesh.pose import Pose
+    from rattlesweep.physics.mesh.pose import MeshPose
     from rattlesweep.physics.si import Units
 
 # Columns of rows by name: numbers, and flags of a section.
 Columns: TypeAlias = "dict[str, NDArray[Any]]"
 _CHUNK = 8192  # rows in memory at once
-# Default rows in a period of the pitch, and in all.
-_PER_PERIOD = 20
-LEAST_ROWS = 2001
 _MOST_ROWS = 10**8
 # The first time of a warning is searched in so many parts of a step, so many times.
 _PARTS = 33
@@ -83,7 +81,7 @@ class PreparedRun:
     launches: Launches
     batch: Batch | None
     units: Units | None = None  # if the size of the body is known
-    pose: Pose | None = None  # of its mesh
+    pose: MeshPose | None = None  # of its mesh
     # E_p and E_r of the reduced model, if they are given.
     energies: tuple[float | None, float | None] = (None, None)
 
@@ -101,7 +99,7 @@ class PreparedRun:
     def of(cls, launch: Launch) -> PreparedRun:
         plan = plan_of(launch)
         first = np.zeros(1, np.int64)
-        launches = prepare(plan, first, first)
+        launches = prepare_launches(plan, first, first)
         energies = launch.e_p0, launch.e_r0
         batch = make_batch(launches, launch.model)
         if batch is not None and launch.model == "reduced":
@@ -236,7 +234,7 @@ class PreparedRun:
         elif points:
             count = points
         else:
-            count = self.even_rows(_PER_PERIOD, LEAST_ROWS, _MOST_ROWS + 1, start)
+            count = self.even_rows(ROWS_A_PERIOD, LEAST_ROWS, _MOST_ROWS + 1, start)
         if count > _MOST_ROWS:
             raise ConfigError(f"more than {_MOST_ROWS:,} rows; ask for fewer")
         if dt is None:

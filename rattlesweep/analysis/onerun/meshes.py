@@ -16,6 +16,7 @@ from rattlesweep.analysis import style
 from rattlesweep.analysis.derived import DerivedQuantity
 from rattlesweep.analysis.style import BLUE, GREY, INK, VERMILION
 from rattlesweep.arrays import Floats
+from rattlesweep.defaults import MESH_UNIT
 from rattlesweep.physics.mesh.reading import read_solid, read_standing
 from rattlesweep.physics.mesh.solid import Solid
 from rattlesweep.physics.mesh.standing import Standing
@@ -42,7 +43,7 @@ def save_figure_of_mesh(
     others = dict(keys)
     file = others.pop("mesh")
     standing = read_standing(file, **others)
-    solid = read_solid(file, others.get("unit", "mm"))
+    solid = read_solid(file, others.get("unit", MESH_UNIT))
     with style.styled():
         figure = draw_mesh(solid, standing, quantities)
         figure.suptitle(Path(file).name, fontsize=10)

@@ -13,7 +13,7 @@ from rattlesweep.analysis.onerun.course import PreparedRun
 from rattlesweep.analysis.where import parse_where
 from rattlesweep.arrays import take
 from rattlesweep.design.batches import make_batch
-from rattlesweep.design.launches import prepare
+from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.plan import Plan
 from rattlesweep.design.prepared import Launches
 from rattlesweep.errors import ConfigError, OutputError
@@ -90,7 +90,7 @@ class StoredRun:
     @cached_property
     def _planned(self) -> tuple[Plan, Launches]:
         plan = stored_plan(self.stored)
-        return plan, prepare(plan, *keys_of(self.row))
+        return plan, prepare_launches(plan, *keys_of(self.row))
 
     @property
     def units(self) -> Units | None:

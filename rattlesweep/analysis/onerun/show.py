@@ -20,16 +20,16 @@ import numpy as np
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.onerun.solids import solid_of_page
 from rattlesweep.arrays import Floats, Integers
+from rattlesweep.defaults import FRAMES_A_PERIOD
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import surface as surfaces
 from rattlesweep.quantities import RATE, TIME
 
 _COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r", "energy")
 _CHANNELS = ("t", *_COLUMNS, "contact_z")
-# Rows in a period of the pitch, and the fewest for long runs.  The page interpolates by
-# cubics, and the body slips by at most 5e-5 of the contact's speed (GH, n = 0.1 and
-# -0.1).
-_PER_PERIOD = 20
+# The fewest rows in a period of the pitch, for long runs.  The page interpolates by
+# cubics; with the default number the body slips by at most 5e-5 of the contact's speed
+# (GH, n = 0.1 and -0.1).
 _LEAST = 10
 # A row takes 54 bytes of the page, which stays below 5 MB.
 FEWEST_ROWS = 201
@@ -38,11 +38,11 @@ THEORY_POINTS = 800
 _MARGIN = (
     1.25  # the body is drawn up to above all contact points and its centre of mass
 )
-WIDEST = 0.99  # fraction of the height of an ellipsoid's lower half that is drawn
+DRAWN_HEIGHT = 0.99  # fraction of the height of an ellipsoid's lower half that is drawn
 TRAIL = 6  # periods of the roll that the trace of the contact shows
 # Seconds until the first reversal at the page's initial speed, and bounds of this
 # speed.
-SECONDS = 30
+SECONDS_TO_REVERSAL = 30
 SLOWEST = 4.0
 FASTEST = 25.0
 _MOST_TIMES = 6  # that a fact lists
@@ -63,7 +63,7 @@ def course_of_page(
             f"the surface {surface.name} cannot be drawn; use trajectory instead"
         )
     if points is None:
-        points = run.even_rows(_PER_PERIOD, FEWEST_ROWS, MOST_FRAMES, from_time)
+        points = run.even_rows(FRAMES_A_PERIOD, FEWEST_ROWS, MOST_FRAMES, from_time)
         if run.even_rows(_LEAST, 2, MOST_FRAMES + 1, from_time) > MOST_FRAMES:
             raise ConfigError(
                 f"t_end {run.t_end:g} is too long for one page; shorten --t-end"
@@ -90,9 +90,9 @@ def make_scene(course: Course) -> dict[str, Any]:
     end = float(t[-1])
     rise = max(1.0, _MARGIN * float(np.max(1 - columns["contact_z"])))
     # An ellipsoid ends at its rim, c above the bottom.
-    rise = min(rise, WIDEST * body.get("c", math.inf))
+    rise = min(rise, DRAWN_HEIGHT * body.get("c", math.inf))
     first_zero = course.reversals[0] if course.reversals else end
-    speed = (max(first_zero, start) - start) / SECONDS
+    speed = (max(first_zero, start) - start) / SECONDS_TO_REVERSAL
     units = {"t": (1.0, "√(a/g)"), "n": (1.0, "√(g/a)")}
     for name in units:
         if name in course.si:

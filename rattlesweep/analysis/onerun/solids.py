@@ -5,14 +5,14 @@ from __future__ import annotations
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.files import reason
-from rattlesweep.physics.mesh.pose import Pose
+from rattlesweep.physics.mesh.pose import MeshPose
 from rattlesweep.physics.mesh.reading import read_solid
-from rattlesweep.physics.mesh.thinning import thinned
+from rattlesweep.physics.mesh.thinning import with_fewer_faces
 
 MOST_TRIANGLES = 12_000  # 200 kB of a page
 
 
-def solid_of_page(pose: Pose) -> tuple[dict[str, Floats | Integers], str]:
+def solid_of_page(pose: MeshPose) -> tuple[dict[str, Floats | Integers], str]:
     """Return what a page needs of a mesh, and how many of its triangles are drawn.
 
     Places are in the frame of the body.
@@ -21,7 +21,7 @@ def solid_of_page(pose: Pose) -> tuple[dict[str, Floats | Integers], str]:
         whole = read_solid(pose.path, pose.unit)
     except (OSError, ValueError) as error:
         raise ConfigError(f"{pose.path}: {reason(error)}") from None
-    drawn = thinned(whole, MOST_TRIANGLES)
+    drawn = with_fewer_faces(whole, MOST_TRIANGLES)
     content: dict[str, Floats | Integers] = {
         "vertices": pose.placed(drawn.vertices),
         "faces": drawn.faces,

@@ -24,7 +24,7 @@ from rattlesweep.analysis.plots.picture import (
     scale,
     within,
 )
-from rattlesweep.analysis.style import REGIME_STYLE, TYPE_STYLE, Mark, label
+from rattlesweep.analysis.style import REGIME_STYLE, TYPE_STYLE, LabelLook, label
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 
@@ -59,7 +59,7 @@ class Map(Picture):
 
     panel = (3.7, 3.4)
     # What most runs of a cell are, by the names in `Counts`.
-    marks: ClassVar[Mapping[str, Mark]] = TYPE_STYLE
+    marks: ClassVar[Mapping[str, LabelLook]] = TYPE_STYLE
     without = "failed"  # what a cell is called that has none of these
 
     @property
@@ -301,7 +301,7 @@ class Map(Picture):
 class Regimes(Map):
     """The regime of most runs of each cell."""
 
-    marks: ClassVar[Mapping[str, Mark]] = {
+    marks: ClassVar[Mapping[str, LabelLook]] = {
         f"regime_{name}": mark for name, mark in REGIME_STYLE.items()
     }
     without = "unknown"

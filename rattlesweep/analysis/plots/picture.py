@@ -39,7 +39,7 @@ SMALLEST = (6.4, 3.4)
 LARGEST = 14.0
 
 Handle = Artist  # a legend entry
-T = TypeVar("T", bound=np.generic)
+_T = TypeVar("_T", bound=np.generic)
 
 
 class Arrangement(NamedTuple):
@@ -111,7 +111,7 @@ class Picture(ABC):
     def __len__(self) -> int:
         return int(self.counted[0]["runs"].sum())
 
-    def grid(self, cells: NDArray[T]) -> NDArray[T]:
+    def grid(self, cells: NDArray[_T]) -> NDArray[_T]:
         """Reshape an array over the cells to the shape of `axes`."""
         names = [axis.name for axis in self.layout.axes.values()]
         order = [names.index(axis.name) for axis in self.axes]
@@ -173,7 +173,8 @@ class Picture(ABC):
     def alt(self) -> str:
         """Return what the picture shows, for those who cannot see it.
 
-        Told are the values at both ends of the first axis, as means over the others.
+        The sentence gives the values at both ends of the first axis, each a mean over
+        the other axes.
         """
         words, column = self.told()
         cells, means = self.counted
@@ -329,10 +330,10 @@ class Picture(ABC):
         return lines
 
 
-def within(values: NDArray[T], place: tuple[int, ...]) -> NDArray[T]:
+def within(values: NDArray[_T], place: tuple[int, ...]) -> NDArray[_T]:
     """Return the values of a panel, along the axes inside it."""
     index: Any = (..., *place)
-    panel: NDArray[T] = values[index]
+    panel: NDArray[_T] = values[index]
     return panel
 
 

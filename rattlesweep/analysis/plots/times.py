@@ -34,7 +34,7 @@ class CurveLook(NamedTuple):
     marker: str
 
 
-class Curve(NamedTuple):
+class CurveValues(NamedTuple):
     """The values of a curve; `theory` is the mean of t_rGH."""
 
     mean: Floats
@@ -79,11 +79,11 @@ class Times(Picture):
         for axes, place in panels:
             scale(axes, "x", x, log)
             for look in looks:
-                here = Curve(
+                here = CurveValues(
                     *(within(values, (look.place, *place)) for values in curves)
                 )
                 for stretch in stretches:
-                    piece = Curve(*(values[stretch] for values in here))
+                    piece = CurveValues(*(values[stretch] for values in here))
                     self._draw_piece(axes, x.values[stretch], piece, look, log_y)
         for axes, _ in panels:
             style.light_grid(axes)
@@ -127,21 +127,21 @@ class Times(Picture):
             for place, (colour, marker) in zip(places, SERIES, strict=False)
         ]
 
-    def _curves(self) -> Curve:
+    def _curves(self) -> CurveValues:
         """Return the values on the grid of the axes, of which the second is curves."""
         cells = self.counted[0]
         moments = cells.ratio if self.is_relative else cells.t_r
-        curves = Curve(
+        curves = CurveValues(
             mean=self.grid(moments.means()),
             spread=self.grid(np.nan_to_num(moments.deviations())),
             theory=self.grid(cells.t_rgh.means()),
         )
         if len(self.inside) < 2:
-            return Curve(*(np.expand_dims(values, 1) for values in curves))
+            return CurveValues(*(np.expand_dims(values, 1) for values in curves))
         return curves
 
     def _draw_piece(
-        self, axes: Axes, x: Floats, curve: Curve, look: CurveLook, log_y: bool
+        self, axes: Axes, x: Floats, curve: CurveValues, look: CurveLook, log_y: bool
     ) -> None:
         """Draw a curve in one direction of spin, with its band and its theory."""
         few = len(self.axes[0].values) <= MOST_MARKERS

@@ -51,7 +51,7 @@ SCALARS: dict[str, Callable[[str], object]] = {
 
 HALF_CHARACTER = re.compile("[\ud800-\udfff]")  # of a pair of surrogates
 
-T = TypeVar("T", bound=Base)
+_T = TypeVar("_T", bound=Base)
 _Problem = tuple[int | str | None, Key, str]  # line or --set text, key, message
 
 
@@ -307,8 +307,8 @@ class _Reader:
 
 
 def checked(
-    model: type[T], data: object, places: KeyPlaces, problems: list[_Problem]
-) -> T:
+    model: type[_T], data: object, places: KeyPlaces, problems: list[_Problem]
+) -> _T:
     """Return data as a model, or raise a ConfigError with all of its problems."""
     try:
         config = model.model_validate(data)

@@ -15,6 +15,7 @@ import pydantic
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from rattlesweep.arrays import Floats
+from rattlesweep.defaults import MESH_UNIT
 from rattlesweep.design.columns import RECORDABLE, REFINABLE
 from rattlesweep.design.config import KeyPlaces
 from rattlesweep.design.config.values import (
@@ -37,7 +38,7 @@ from rattlesweep.design.config.values import (
     size_of,
 )
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
+from rattlesweep.integrate.tableau import DOP853, DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.names import AccuracyName, ModelName, PresetName
 from rattlesweep.physics.si import LIMITS
 from rattlesweep.quantities import (
@@ -160,9 +161,9 @@ SURFACE_MEANING = "; ".join(["Shape of the bottom", *_IMPLIED_SURFACES])
 
 
 def with_constants(base: type[Base], form: Any) -> Any:
-    """Return a class with a key for the further constant of each surface.
+    """Return `base` with one more key for each surface that has a further constant.
 
-    A `form` such as ``Range`` is the type of their values, given that of a number.
+    A number may stand there, or what `form`, such as ``Range``, makes of its type.
     """
     keys: dict[str, Any] = {}
     for name in SURFACE_CONSTANTS:
@@ -503,8 +504,8 @@ def _point_masses(value: object) -> object:
 
 
 Density = Annotated[float, size_of("density", is_limited=False)]
-Part = float | str | list[float | str]
-MeshPoint = list[Part]  # mass and place, which `physics.mesh.reading` checks
+NumberOrTexts = float | str | list[float | str]
+MeshPoint = list[NumberOrTexts]  # mass and place, which `physics.mesh.reading` checks
 
 
 class MeshSource(Base):
@@ -516,7 +517,7 @@ class MeshSource(Base):
     path: Several[Annotated[str, Field(**PATH)]] = key(
         ..., "STL, OBJ, PLY or 3MF files; a case each."
     )
-    unit: str = key("mm", "Unit of the files.")
+    unit: str = key(MESH_UNIT, "Unit of the files.")
     mass: Mass | None = key(None, "Weighed mass, without the points.")
     density: Density | None = key(None, "Density, instead of the mass.")
     points: Annotated[list[MeshPoint], BeforeValidator(_point_masses)] = key(
@@ -577,7 +578,7 @@ class Spin(Base):
     )
 
 
-class State(Base):
+class FullState(Base):
     """Full initial state of all bodies, in components along the body's axes."""
 
     omega: Three[Annotated[float, _within("n_i")]] = key(
@@ -635,6 +636,7 @@ def loss_key(loss: Loss) -> Any:
     return values, key([loss.default], meaning)
 
 
+# A key for each constant of the registry.
 LossKeys: Any = pydantic.create_model(
     "LossKeys",
     __base__=Base,
@@ -736,8 +738,8 @@ class Stop(Base):
 
 # Method and tol of each word; docs/accuracy.md has their errors.
 ACCURACIES: dict[AccuracyName, tuple[str, float]] = {
-    "draft": ("dop853", 1e-6),
-    "standard": ("dop853", TOL),
+    "draft": (DOP853.name, 1e-6),
+    "standard": (DOP853.name, TOL),
     "reference": ("verner98", 1e-12),
 }
 
@@ -753,7 +755,9 @@ class AccuracyGoal(Base):
 class Integrator(Base):
     """Integration method, with adaptive steps (tol) or a fixed step (dt)."""
 
-    method: Annotated[str, OneOf(tuple(METHODS))] = key("dop853", "Name of the method.")
+    method: Annotated[str, OneOf(tuple(METHODS))] = key(
+        DOP853.name, "Name of the method."
+    )
     accuracy: Annotated[AccuracyGoal | str, one_of(AccuracyGoal, ACCURACIES)] | None = (
         key(None, "A word for method and tol, or {t_r: ...} for tol.")
     )
@@ -783,7 +787,7 @@ class Integrator(Base):
                 del data["accuracy"]
                 data["method"], data["tol"] = ACCURACIES[accuracy]
             return data
-        method = data.get("method", "dop853")
+        method = data.get("method", DOP853.name)
         if accuracy is None and isinstance(method, str) and method in METHODS:
             if METHODS[method].adaptive:
                 return {"tol": TOL} | data
@@ -822,7 +826,7 @@ class Config(Base):
     stop: Stop | None = key(
         None, "When a case has enough samples; null: at `bodies.samples`."
     )
-    launch: State | None = key(None, "Full initial state, in place of `spin`.")
+    launch: FullState | None = key(None, "Full initial state, in place of `spin`.")
     spin: Spin | None = key(None, "Launches, unless `launch` or a table gives them.")
     model: ModelName = key(
         "full", "full: five variables; reduced: three; gh: a closed formula."
@@ -849,8 +853,10 @@ class Config(Base):
     @pydantic.field_validator("name")
     @classmethod
     def _plain_word(cls, name: str) -> str:
-        is_path = name.strip() in ("", ".", "..") or {"/", "\\"} & {*name}
-        if is_path or not name.isprintable():
+        # It names the default directory of output.
+        is_folder = name.strip() in ("", ".", "..")
+        has_slash = "/" in name or "\\" in name
+        if is_folder or has_slash or not name.isprintable():
             raise ValueError(
                 "is not a plain word; leave out slashes and control characters"
             )
@@ -862,6 +868,7 @@ class Config(Base):
         recorded = {*self.record}
         if self.integrator.goal:
             recorded.add("error")
+        # A config is frozen; this is still a part of making it.
         self.__dict__["record"] = [name for name in RECORDABLE if name in recorded]
         return self
 
@@ -957,6 +964,7 @@ class Config(Base):
             raise ConfigError(map(self.located, error.messages)) from None
 
 
+# The same constants, one number each.
 Losses = pydantic.create_model(
     "Losses",
     __base__=Base,

@@ -30,11 +30,11 @@ from rattlesweep.units import (
     without_unit,
 )
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 MAX_AXIS = 10**6
 _ROUNDING = 2e-15  # relative error of a computed power
 NO_UNIT_VECTOR = "u must be a vector of length 1 with u_z below 0, as [0, 0, -1]"
-NOTHING: dict[str, object] = {"not": {}}  # the JSON Schema of no value
+NO_VALUE_SCHEMA: dict[str, object] = {"not": {}}  # the JSON Schema of no value
 AT_REST = "the body stands upright and at rest; give it an angular velocity"
 
 
@@ -93,7 +93,7 @@ class OrText:
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, object]:
         other = handler(schema)
-        if other == NOTHING:
+        if other == NO_VALUE_SCHEMA:
             return self.text
         return {"anyOf": [other, self.text]}
 
@@ -141,7 +141,7 @@ def size_of(kind: str, is_limited: bool = True, may_be_zero: bool = False) -> Or
         raise ValueError(f"{number:g} {without_unit(number, kind, of_size=True)}")
 
     of_text = quantity_or(float, kind, "", is_limited=is_limited)
-    schema = {"type": "number", "const": 0} if may_be_zero else NOTHING
+    schema = {"type": "number", "const": 0} if may_be_zero else NO_VALUE_SCHEMA
     number = Annotated[float, AfterValidator(refuse), WithJsonSchema(schema)]
     return OrText(number, of_text.read, of_text.text)
 
@@ -170,7 +170,7 @@ def one_of(item: object, words: Collection[str]) -> OrText:
     return OrText(item, read, {"type": "string", "enum": list(words)})
 
 
-def distinct(values: list[T]) -> list[T]:
+def distinct(values: list[_T]) -> list[_T]:
     """Return a list in which no value is repeated."""
     if len({*values}) < len(values):
         raise ValueError("a value is repeated; give each once")
@@ -298,15 +298,15 @@ def _rising(ends: list[float]) -> list[float]:
 
 UNIQUE = Field(json_schema_extra={"uniqueItems": True})
 Several = Annotated[
-    list[T], Field(min_length=1), UNIQUE, _OneOrSeveral(), AfterValidator(distinct)
+    list[_T], Field(min_length=1), UNIQUE, _OneOrSeveral(), AfterValidator(distinct)
 ]
 """A list of distinct items, given as one, as a list, or by linspace."""
-One = Annotated[T, Field()]
+One = Annotated[_T, Field()]
 """One item."""
-TwoOf = Annotated[list[T], Field(min_length=2, max_length=2)]
-Three = Annotated[list[T], Field(min_length=3, max_length=3)]
+TwoOf = Annotated[list[_T], Field(min_length=2, max_length=2)]
+Three = Annotated[list[_T], Field(min_length=3, max_length=3)]
 Range = Annotated[
-    list[T],
+    list[_T],
     Field(min_length=2, max_length=2),
     _OneOrPair(),
     AfterValidator(_rising),

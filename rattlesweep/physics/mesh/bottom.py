@@ -61,7 +61,7 @@ class Quadric:
         return height
 
 
-def fit(points: Floats, weights: Floats, reach: float) -> Quadric | None:
+def fit_quadric(points: Floats, weights: Floats, reach: float) -> Quadric | None:
     """Return the quadric through the points up to a height over the lowest one.
 
     `points` has the shape (n, 3), with z upwards, in no order: the first `MOST_POINTS`

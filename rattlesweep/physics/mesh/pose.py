@@ -16,7 +16,7 @@ _OVER = np.diag([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
-class Pose:
+class MeshPose:
     """The file of a mesh, and the way from its frame to that of its body.
 
     The frame of the body has its centre of mass as the origin, z downwards, x along the
@@ -29,7 +29,7 @@ class Pose:
     turn: Floats  # shape (3, 3)
 
     @classmethod
-    def of(cls, path: Path, unit: str, standing: Standing) -> Pose:
+    def of(cls, path: Path, unit: str, standing: Standing) -> MeshPose:
         """Return the pose of a mesh at rest."""
         over = _OVER @ standing.axes
         inertia = over @ standing.mass.inertia @ over.T

@@ -13,6 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from rattlesweep.arrays import Floats, Integers
+from rattlesweep.defaults import MESH_UNIT
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.files import as_path, open_regular, reason
 from rattlesweep.physics import si
@@ -22,14 +23,14 @@ from rattlesweep.physics.mesh.stl import read_binary_stl
 from rattlesweep.units import quantities, quantity
 
 FORMATS = (".stl", ".obj", ".ply", ".3mf")
-SIZES = 1e-3, 3.0  # of the longest side in m
+USUAL_SIZES = 1e-3, 3.0  # of the longest side in m
 # A number for a place that is this share of the mesh may be in m instead of its unit.
 TINY_PLACE = 2e-3
 
 
 def read_standing(
     path: str | os.PathLike[str],
-    unit: str = "mm",
+    unit: str = MESH_UNIT,
     mass: float | str | None = None,
     density: float | str | None = None,
     points: Sequence[Any] = (),
@@ -150,7 +151,7 @@ def _from_library(
 
 def _check_size(extent: float, unit: str) -> None:
     """Refuse a mesh in another unit than it is said to be."""
-    low, high = SIZES
+    low, high = USUAL_SIZES
     if low <= extent <= high:
         return
     raise ValueError(

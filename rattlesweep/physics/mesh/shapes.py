@@ -12,12 +12,13 @@ from scipy.optimize import brentq
 from scipy.spatial import Delaunay
 
 from rattlesweep.arrays import Floats, Integers
+from rattlesweep.defaults import FINENESS
 from rattlesweep.physics.mesh.solid import Solid
 
 POCKET_CORNERS = 96
 LEAST_WALL = 0.4e-3  # around a pocket, in m: one line of a printer
 MOST_SKEW = math.radians(12.0)
-T = TypeVar("T", float, Floats)
+_T = TypeVar("_T", float, Floats)
 
 
 @dataclass(frozen=True)
@@ -47,11 +48,11 @@ def pockets_at(place: Sequence[float], size: Sequence[float]) -> list[Pocket]:
     return [Pocket(x, y, diameter, depth), Pocket(-x, -y, diameter, depth)]
 
 
-def half_ellipsoid(
+def half_ellipsoid_solid(
     length: float,
     width: float,
     height: float,
-    fineness: int = 96,
+    fineness: int = FINENESS,
     skew: float = 0.0,
     pockets: Sequence[Pocket] = (),
 ) -> Solid:
@@ -82,7 +83,7 @@ def half_ellipsoid(
     return Solid.of(vertices, np.vstack([faces, lid]))
 
 
-def twist(depth: T, turned_by: float) -> T:
+def twist(depth: _T, turned_by: float) -> _T:
     """Return the angle of the outline at a depth, from 0 at the flat side to 1.
 
     It does not change near the foot, where the outline has the axes of curvature.

@@ -17,14 +17,14 @@ MERGED = 2.0**-20
 
 
 @dataclass(frozen=True)
-class Mass:
+class MassProperties:
     """Mass in kg, centre of mass in m, and inertia tensor about it in kg m^2."""
 
     mass: float
     centre: Floats  # shape (3,)
     inertia: Floats  # shape (3, 3)
 
-    def with_points(self, points: Iterable[tuple[float, Floats]]) -> Mass:
+    def with_points(self, points: Iterable[tuple[float, Floats]]) -> MassProperties:
         """Return the mass with further points, each a mass and a place, shape (3,)."""
         parts = [(self.mass, self.centre), *points]
         total = float(sum(mass for mass, _ in parts))
@@ -34,7 +34,7 @@ class Mass:
         for mass, place in parts:
             arm = place - centre
             inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-        return Mass(total, centre, inertia)
+        return MassProperties(total, centre, inertia)
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,9 @@ class Solid:
             second += (part.T * volumes) @ part / 20
         return volumes.sum(), first, second
 
-    def mass(self, mass: float | None = None, density: float | None = None) -> Mass:
+    def mass(
+        self, mass: float | None = None, density: float | None = None
+    ) -> MassProperties:
         """Return the mass of the solid, of uniform density, by its mass or density."""
         volume, first, second = self._moments()
         if mass is None:
@@ -110,7 +112,7 @@ class Solid:
         offset = first / volume
         second = second / volume - np.outer(offset, offset)
         inertia = mass * (np.trace(second) * np.eye(3) - second)
-        return Mass(mass, self.vertices.mean(axis=0) + offset, inertia)
+        return MassProperties(mass, self.vertices.mean(axis=0) + offset, inertia)
 
     def flat_side(self) -> tuple[Floats, Floats] | None:
         """Return the outward normal of the largest flat side, and its corners.

@@ -16,14 +16,14 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import si
-from rattlesweep.physics.mesh.bottom import LEAST_POINTS, Quadric, fit, foot
-from rattlesweep.physics.mesh.solid import Mass, Solid, basis
+from rattlesweep.physics.mesh.bottom import LEAST_POINTS, Quadric, fit_quadric, foot
+from rattlesweep.physics.mesh.solid import MassProperties, Solid, basis
 
 # A launch whose energy, all in an oscillation, tells how far the bottom is fitted.
 TYPICAL_SPIN = 2 * math.pi  # one turn a second
-STEPS = np.radians([8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.1])  # of the way downhill
-FINE = math.radians(0.4)  # such steps look at all vertices, wider ones at `MANY`
-MANY = 12_000  # vertices: more than these tell nothing more
+DOWNHILL_STEPS = np.radians([8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.1])  # of the way downhill
+FINE_STEP = math.radians(0.4)  # such steps look at all vertices, wider ones at fewer
+MANY_VERTICES = 12_000  # more than these tell nothing more
 FOOT = 0.01  # of the height of a solid, around its foot
 ROUNDS = 60  # of turning the body and fitting its bottom
 MOST_TILT = math.radians(3.0)  # of the third principal axis
@@ -40,7 +40,7 @@ RANGES = (0.25, 2.25)  # of the height that is fitted: half and 1.5 times the sl
 class Standing:
     """A body at rest, in m and kg, with z upwards along the third row of `axes`."""
 
-    mass: Mass  # in the frame of the mesh
+    mass: MassProperties  # in the frame of the mesh
     axes: Floats  # shape (3, 3); rows: along the long axis of inertia, across, up
     points: Floats  # lowest points of the hull from the centre of mass, along `axes`
     weights: Floats
@@ -191,7 +191,10 @@ class Standing:
 
 
 def stand(
-    solid: Solid, mass: Mass, up: Floats | None = None, gravity: float = si.GRAVITY
+    solid: Solid,
+    mass: MassProperties,
+    up: Floats | None = None,
+    gravity: float = si.GRAVITY,
 ) -> Standing:
     """Return a solid with a mass at rest; raise a ValueError if it has no point foot.
 
@@ -207,12 +210,12 @@ def stand(
     rim: Floats | None = None
     if side is not None and side[0] @ up > 0.5:
         rim = side[1] - mass.centre
-    return settle(_lowest(arms, up), mass, up, given, rim, gravity)
+    return stand_on(_lowest(arms, up), mass, up, given, rim, gravity)
 
 
-def settle(
+def stand_on(
     points: Floats,
-    mass: Mass,
+    mass: MassProperties,
     up: Floats,
     given: Floats,
     rim: Floats | None = None,
@@ -234,7 +237,7 @@ def settle(
     for _ in range(ROUNDS):
         axes = basis(up, along)
         local = points @ axes.T
-        surface = fit(local, weights, reach)
+        surface = fit_quadric(local, weights, reach)
         if surface is None:
             raise ValueError(
                 "the body comes to rest on a flat side or on facets that are too "
@@ -266,10 +269,12 @@ def settle(
         raise AssertionError("there is at least one round")
     axes = basis(up, along)
     local = points @ axes.T
-    others = tuple(
-        fit(local, weights, share * reach) if share * reach <= 1.5 * most else None
-        for share in RANGES
-    )
+    others: list[Quadric | None] = []
+    for share in RANGES:
+        if share * reach <= 1.5 * most:
+            others.append(fit_quadric(local, weights, share * reach))
+        else:
+            others.append(None)
     height_of_rim = None
     if rim is not None:
         height_of_rim = float((rim @ up).min() - surface.z0)
@@ -279,7 +284,7 @@ def settle(
         points=local,
         weights=weights,
         surface=surface,
-        others=others,
+        others=tuple(others),
         rim=height_of_rim,
         flat=_flat_share(points, planes, axes, surface),
         turned=math.acos(min(1.0, float(up @ given))),
@@ -309,11 +314,11 @@ def _downhill(arms: Floats, up: Floats) -> Floats:
     turns = np.linspace(0, 2 * math.pi, 8, endpoint=False)
     circle = np.column_stack([np.cos(turns), np.sin(turns)])
     everything = arms
-    if len(arms) > MANY:
-        arms = arms[np.random.default_rng(0).integers(len(arms), size=MANY)]
+    if len(arms) > MANY_VERTICES:
+        arms = arms[np.random.default_rng(0).integers(len(arms), size=MANY_VERTICES)]
     height = -(arms @ up).min()
-    for step in STEPS:
-        if step < FINE and arms is not everything:
+    for step in DOWNHILL_STEPS:
+        if step < FINE_STEP and arms is not everything:
             arms = everything
             height = -(arms @ up).min()
         while True:
@@ -338,11 +343,11 @@ def _lowest(arms: Floats, up: Floats) -> Floats:
     # Down from the widest part, where the outline is no longer the bottom.
     rises = (heights - low) / np.ptp(heights)
     part: Floats = arms[rises <= 0.5]
-    if len(part) <= MANY:
+    if len(part) <= MANY_VERTICES:
         return part
     # All around the foot, where the facet below it is told from others.
     rises = rises[rises <= 0.5]
-    share = MANY / len(part)
+    share = MANY_VERTICES / len(part)
     is_kept = np.random.default_rng(0).random(len(part)) < share
     fewer: Floats = part[is_kept | (rises <= FOOT)]
     return fewer

@@ -12,7 +12,7 @@ from rattlesweep.physics.mesh.solid import Solid, packed
 _WIDER = 1.08  # step of the size of a cell
 
 
-def thinned(solid: Solid, most: int) -> Solid:
+def with_fewer_faces(solid: Solid, most: int) -> Solid:
     """Return a mesh with at most so many triangles, which may be open.
 
     All vertices in one cell of a cubic lattice become one of them: the one where the
