@@ -35,14 +35,7 @@ PARAMETERS = ("overrides", "base", "axes")
 
 CONFIG_HEAD = """# The config, key by key
 
-A config is a YAML 1.2 file, or in Python a mapping with the same keys. `rattlesweep init` writes one to start from, and `rattlesweep plan CONFIG --check` reports each mistake
-with its line. `--set bodies.samples=100` overrides a key. A `--set` without a value is refused, as a shell variable may be unset; `--set seed=null` takes the default. `rattlesweep schema` prints the JSON Schema for editors.
-
-`M`, `a` and `g` are 1: times are in `sqrt(a/g)`, spins and rates in
-`sqrt(g/a)`. "Or several" means one number, a list, `{linspace: [low, high, n]}` or `{logspace: [low, high, n]}` with both ends.
-The values of a range are the decimals that are meant: -0.1 to -0.5 in 5 steps has -0.3, and -0.9 to 0.9 in 7 steps has 0. A list keeps its numbers as they are written.
-If the bodies have a size (`source: shape` or `mesh`, the preset KL, a table with `height_m`), spins, times and dissipation need a unit, as in
-`n_i: 60 rpm`, `t: 20 s` or `sigma: 1e-5 N m s`. The units of the body are written out, as in `n_i: 0.2 sqrt(g/a)`. Zero needs no unit. Bodies without a size take plain numbers. If the sizes differ between bodies, a key with a unit takes one value.
+A config says which bodies are launched, how, and what is recorded. It is a YAML 1.2 file, or in Python a mapping with the same keys:
 
 ```yaml
 name: steady-kr-quick
@@ -52,6 +45,29 @@ spin: {n_i: [-0.1, -0.3, -0.5], omega_xy0: [0.001, 0.01, 0.1]}
 horizon: {t_rgh: 5}
 record: [error]
 ```
+
+This one is of 3 x 3 x 3 cases, one for each combination of `K_r`, `n_i` and `omega_xy0`, with 1,000 bodies each.
+
+- `rattlesweep init` writes a config to start from.
+- `rattlesweep plan CONFIG --check` reports each mistake with its line.
+- `rattlesweep run CONFIG --set bodies.samples=100` overrides a key. `--set seed=null` takes the default. A `--set` without a value is
+  refused, because it often comes from a variable of the shell that is not set.
+- `rattlesweep schema` prints the JSON Schema, with which editors complete and check keys.
+
+## Values
+
+**Units.** `M`, `a` and `g` are 1: times are in `sqrt(a/g)`, spins and rates in `sqrt(g/a)`. Some bodies have a size: those of
+`source: shape` or `mesh`, of the preset KL, and of a table with `height_m`. Their spins, times and dissipation need a unit, as in
+`n_i: 60 rpm`, `t: 20 s` or `sigma: 1e-5 N m s`. Units of the body are possible, too, as in `n_i: 0.2 sqrt(g/a)`. Zero needs no unit.
+Bodies without a size take plain numbers. If the sizes differ between bodies, a key with a unit takes one value.
+
+**Several values.** In the tables below, "or several" means one number, a list, or a range with both ends:
+`{linspace: [low, high, n]}` has `n` values at equal distances, and `{logspace: [low, high, n]}` at equal ratios. The values of a range are
+rounded to the decimals that you would write: -0.1 to -0.5 in 5 steps has exactly -0.3, and -0.9 to 0.9 in 7 steps has exactly 0.
+
+**Draws.** `[low, high]` is a range from which each body draws its own value.
+
+**Sections.** "A section" is a mapping with keys of its own, which have a table below.
 """
 
 EXAMPLES = {
@@ -92,17 +108,25 @@ EXAMPLES = {
 }
 
 SHARED = {
-    "bodies": "Where the bodies come from. For a shape, numbers without a unit are in m, kg and rad.",
+    "bodies": "Where the bodies come from. Lengths and masses of shapes and meshes need units. A skew without one is in rad.",
     "bodies.overrides, bodies.base, bodies.axes": "`base` is a preset, six parameters, or a shell-dumbbell body. "
     "Each key of `axes` takes several values; the first axis varies slowest.",
 }
 
 TABLES = """## A table as a source
 
-`bodies: {source: table, path: bodies.csv}` reads CSV with a header (commas, semicolons or tabs; decimal commas with the latter two), Parquet, or a directory of Parquet files. CSV is in UTF-8, in UTF-16 with a mark at its beginning, or in the encoding of Windows (cp1252).
-A directory has the columns of all its files. A copied column, or one that may be empty, is empty where a file lacks it. Any other column must be in all files or in none.
-A relative path is looked up in the working directory, then beside the config. Each row is one body: `alpha beta gamma theta phi xi` (radians),
-or `gamma f_sd theta phi xi` for a shell-dumbbell body. Optional columns replace a part of the config, row by row:
+`bodies: {source: table, path: bodies.csv}` reads one body from each row. The file is one of these:
+
+- CSV with a header. The columns are separated by commas, semicolons or tabs; with the latter two, numbers may have decimal commas.
+  The encoding is UTF-8, UTF-16 with a byte order mark, or that of Windows (cp1252).
+- Parquet.
+- A directory of Parquet files, which has the columns of all its files. A column that may be empty, and one that is only copied, is
+  empty for the rows of files without it. Any other column must be in all files or in none.
+
+A relative path is looked up in the working directory, then beside the config.
+
+A body has the columns `alpha beta gamma theta phi xi` (radians), or `gamma f_sd theta phi xi` for a shell-dumbbell body. Optional
+columns replace a part of the config, row by row:
 
 | columns | replace | unit |
 |---|---|---|
@@ -114,12 +138,15 @@ or `gamma f_sd theta phi xi` for a shell-dumbbell body. Optional columns replace
 | `xi_deg` or `minus_xi_deg` | `xi` | degrees |
 | `rim`, may be empty | | `a`; height of the edge of the surface above its lowest point, at which a run ends |
 
-A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and optionally `ixy_kg_m2 axes_angle_deg
-gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation @@losses@@.
-Two columns for one quantity must agree, as `xi_deg` with the tensor and the radii, or `n_i` with `n_i_rpm`; a table in which they contradict each other is refused.
+A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m`. It may also have `ixy_kg_m2
+axes_angle_deg gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation @@losses@@.
 
-Columns of other names are copied to the runs as they are. Those of a CSV file are numbers if each cell is written as a number prints (`7`, `0.5`, `1e-07`), and texts otherwise (`007`, `1.10`, `1E5`, `NA`).
-Copied dates, decimals and infinities are texts. A result such as `t_r` is an error, unless the table is one of runs.
+Two columns for one quantity must agree, such as `n_i` and `n_i_rpm`, or `xi_deg` and the angle that follows from the tensor and the
+radii. A table in which they contradict each other is refused.
+
+Columns of other names are copied to the runs as they are. In a CSV file such a column holds numbers if each cell is written as a
+number prints (`7`, `0.5`, `1e-07`), and texts otherwise (`007`, `1.10`, `1E5`, `NA`). Copied dates, decimals and infinities become
+texts. A column with the name of a result, such as `t_r`, is an error, unless the table is one of runs.
 
 ```csv
 alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
@@ -127,8 +154,8 @@ alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
 13.04,1.522,12.28,0.7,0.05,-0.05,-0.2,0.1,
 ```
 
-The runs of a sweep are such a table: `path: out/quickstart/runs` repeats its launches and horizons
-(for a run that has reversed, `t_end` is its reversal time). `rs.sweep(frame, ...)` takes a DataFrame of pandas or Polars, or an Arrow table.
+The runs of a sweep are such a table: `path: out/quickstart/runs` repeats its launches up to their `t_end`, which is the reversal time
+for a run that has reversed. `rs.sweep(frame, ...)` takes a DataFrame of pandas or Polars, or an Arrow table.
 """
 
 COLUMNS_HEAD = """# Columns of the tables

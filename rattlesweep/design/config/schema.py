@@ -257,7 +257,8 @@ class SdSource(with_constants(Surfaced, Range)):  # type: ignore[misc]
     samples: Count = key(1000, "Bodies per case.")
     ranges: SdRanges = key(SdRanges, "Ranges of the uniform draws.")
     draw: Draw = key(
-        "random", "sobol: more even; saltelli: for `rattlesweep sensitivity`."
+        "random",
+        "sobol: more even than random; saltelli: for `rattlesweep sensitivity`.",
     )
     target: Target | None = key(None, "Keep only bodies with this torque coefficient.")
 
@@ -368,18 +369,21 @@ class Axes(with_constants(ParameterAxes, Several)):  # type: ignore[misc]
 
 
 class Refine(Base):
-    """A coarse grid is run first, then, level by level, the points between runs that
-    differ.
+    """A coarse grid is run first. Then its cells are halved, level by level, where the
+    runs at the corners of a cell differ.
     """
 
     levels: Whole = key(
         4, "Halvings from the coarse grid to the full one.", ge=1, le=16
     )
     by: Annotated[str, OneOf(REFINABLE)] = key(
-        "type", "Column that is compared: cells in which it differs are halved."
+        "type", "Column that is compared: a cell in which it differs is halved."
     )
     tol: float = key(
-        0.05, "For numbers: relative distance from the neighbours' line.", gt=0, lt=1
+        0.05,
+        "For numbers: largest difference from linear interpolation, as a fraction.",
+        gt=0,
+        lt=1,
     )
 
 
@@ -389,7 +393,7 @@ class GridSource(with_constants(Surfaced, Several)):  # type: ignore[misc]
     source: Literal["grid"] = key(..., "A grid of parameters.")
     base: GridBase = key(..., "The body whose parameters are varied.")
     axes: Axes = key(..., "Parameters that vary, with their values.")
-    refine: Refine | None = key(None, "Skip points between runs that agree.")
+    refine: Refine | None = key(None, "Skip the points between runs that agree.")
 
     @property
     def has_size(self) -> bool:
@@ -439,13 +443,14 @@ class ShapeSource(Base):
     shape: Literal["half_ellipsoid"] = key(
         "half_ellipsoid", "Of uniform density, flat side up."
     )
-    length: Range[Length] = key(..., "Axis of the flat side.")
-    width: Range[Length] = key(..., "Its other axis.")
+    length: Range[Length] = key(..., "Long axis of the flat side.")
+    width: Range[Length] = key(..., "Short axis of the flat side.")
     height: Range[Length] = key(..., "From the lowest point to the flat side.")
     mass: Range[Mass] = key(..., "Without the weights.")
     skew: Range[Angle] = key(
         [0.0, 0.0],
-        "Turn of the axes of inertia, clockwise from above; needed without weights.",
+        "Angle of the axes of inertia from the long and short axis, clockwise from "
+        "above; needed without weights.",
     )
     weights: Range[Mass] | None = key(
         None, "Mass of each of two equal weights on the flat side."
@@ -568,13 +573,17 @@ class Spin(Base):
     """
 
     n_i: Several[InitialSpin] = key(
-        ..., "Initial spins in sqrt(g/a) or with a unit; negative: steady; 0: a tap."
+        ...,
+        "Initial spins in sqrt(g/a) or with a unit; negative: steady direction if "
+        "xi < 0; 0: a tap, which starts an oscillation without spin.",
     )
     omega_xy0: Several[Oscillation] = key(
-        ..., "Initial oscillations in sqrt(g/a) or with a unit."
+        ..., "Pushes: initial oscillations in sqrt(g/a) or with a unit."
     )
     psi: Direction = key(
-        "relevant", "Mode (relevant: pitch for n_i >= 0, else roll) or degrees."
+        "relevant",
+        "Direction of the push: along a mode, where relevant is pitch for n_i >= 0 and "
+        "roll for n_i < 0; or an angle in degrees.",
     )
 
 
@@ -693,14 +702,17 @@ class Classify(Base):
     """Thresholds between the types of runs that do not reverse."""
 
     ss_growth: float = key(
-        1e-3, "SS if amplitudes grow by less than this fraction.", gt=0
+        1e-3, "Type SS if amplitudes grow by less than this fraction.", gt=0
     )
     sw_departure: float = key(
-        0.05, "Else SW if n/n_i falls below 1 by this fraction.", gt=0, lt=1
+        0.05, "Otherwise SW if the spin loses this fraction of n_i.", gt=0, lt=1
     )
-    early: bool = key(False, "End runs of model full once they are certain to be SS.")
+    early: bool = key(False, "End runs of model full once they are sure to be SS.")
     dead_energy: float = key(
-        0.01, "D if not R and below this fraction of energy.", ge=1e-6, lt=1
+        0.01,
+        "D (dead) if not R and less than this fraction of the energy is left.",
+        ge=1e-6,
+        lt=1,
     )
 
     @property
@@ -715,14 +727,15 @@ class Classify(Base):
 
 
 class Stop(Base):
-    """Half-widths of 95 % intervals at which a case has enough samples; all of those
-    that are given.
+    """Half-widths of 95 % intervals at which a case has enough samples. If several are
+    given, all must be met.
     """
 
-    fraction: float | None = key(None, "For the fraction of every type.", gt=0, lt=0.5)
+    fraction: float | None = key(None, "For the fraction of each type.", gt=0, lt=0.5)
     t_r: float | None = key(
         None,
-        "For the mean t_r, relative to it; a case whose mean may not exist goes on.",
+        "For the mean t_r, relative to it; a case whose spread of times is so wide "
+        "that they may have no mean goes on.",
         gt=0,
         lt=1,
     )
@@ -745,8 +758,8 @@ ACCURACIES: dict[AccuracyName, tuple[str, float]] = {
 
 
 class AccuracyGoal(Base):
-    """Largest error of the results; each run is integrated at the tol that this
-    takes.
+    """Largest error of the results. Each run is repeated with smaller tol until its
+    estimated error is below it.
     """
 
     t_r: float = key(..., "Relative error of reversal times.", ge=1e-12, le=1e-3)
@@ -759,12 +772,21 @@ class Integrator(Base):
         DOP853.name, "Name of the method."
     )
     accuracy: Annotated[AccuracyGoal | str, one_of(AccuracyGoal, ACCURACIES)] | None = (
-        key(None, "A word for method and tol, or {t_r: ...} for tol.")
+        key(
+            None,
+            "A word that stands for method and tol; or {t_r: ...}, which finds a tol "
+            "for each run.",
+        )
     )
     tol: float | None = key(
-        None, "Adaptive: error per step (default 1e-09).", ge=1e-15, le=0.01
+        None,
+        "For methods with adaptive steps: error per step (default 1e-09).",
+        ge=1e-15,
+        le=0.01,
     )
-    dt: float | None = key(None, "Fixed: step in sqrt(a/g) (default 0.002).", gt=0)
+    dt: float | None = key(
+        None, "For methods with a fixed step: step in sqrt(a/g) (default 0.002).", gt=0
+    )
     max_steps: Count = key(MAX_STEPS, "Steps after which a run is given up.")
 
     @property
@@ -817,19 +839,28 @@ class Config(Base):
     texts = ("name", "output")
 
     name: str = key(
-        "sweep", "Also names the directory in out/; default: name of the file."
+        "sweep",
+        "Name of the sweep and of its directory in out/; default: name of the file.",
     )
     seed: Whole = key(
-        0, "Random draws depend only on seed, case and sample.", ge=0, lt=2**63
+        0,
+        "Start of the random numbers; a draw depends on seed, case and sample alone.",
+        ge=0,
+        lt=2**63,
     )
     bodies: AnySource = key(..., "Source of the bodies.", discriminator="source")
     stop: Stop | None = key(
-        None, "When a case has enough samples; null: at `bodies.samples`."
+        None,
+        "When a case has enough samples, before all of `bodies.samples` are run.",
     )
     launch: FullState | None = key(None, "Full initial state, in place of `spin`.")
-    spin: Spin | None = key(None, "Launches, unless `launch` or a table gives them.")
+    spin: Spin | None = key(
+        None, "Launches; not needed if `launch` or a table has them."
+    )
     model: ModelName = key(
-        "full", "full: five variables; reduced: three; gh: a closed formula."
+        "full",
+        "full: the equations of motion; reduced: the paper's three variables; gh: "
+        "Garcia and Hubbard's formula alone.",
     )
     horizon: Horizon = key(
         lambda: Horizon(t_rgh=5.0), "When runs that do not reverse end."
@@ -844,7 +875,8 @@ class Config(Base):
         BeforeValidator(_word_as_list),
     ] = key(
         list,
-        "Extra columns; with reversals or spectrum, runs continue to the horizon.",
+        "Extra columns; with reversals or spectrum, runs go on to the horizon after "
+        "they reverse.",
     )
     output: str | None = key(None, "Directory; null: out/<name>.", **PATH)
 
