@@ -74,8 +74,11 @@ FRICTION: dict[str, tuple[dict[str, Any], dict[str, list[float]], int]] = {
     "pivoting": ({}, PIVOT, 90),
     "sliding": ({}, MU, 54),
     "ellipsoid-pivoting": (ELLIPSOID, PIVOT, 110),
+    "ellipsoid-sliding": (ELLIPSOID, MU, 54),
+    "pivoting-sliding": ({}, MU | PIVOT, 27),
+    "ellipsoid-pivoting-sliding": (ELLIPSOID, MU | PIVOT, 27),
 }
-FRICTION_SEED = 4
+FRICTION_SEED = 4  # of the calibration; --seed takes others
 SETTINGS = (
     ("dop853", 1e-5),
     ("dop853", 1e-6),

@@ -63,8 +63,9 @@ def serve(folder: Path) -> None:
     known = {field.name for field in fields(Batch)}
     for line in sys.stdin:
         archive = np.load(folder / f"{line.strip()}.npz")
-        shared = {name: archive[name] for name in archive.files if name in known}
-        batch = Batch(**shared)
+        columns = {name: archive[name] for name in archive.files}
+        columns["first_mark"] = columns["first_comparison"]  # as it was called before
+        batch = Batch(**{name: columns[name] for name in known & columns.keys()})
         begin = time.process_time()
         outcome = integrate(batch, METHODS["dop853"], FULL, tol=1e-9, threads=1)
         seconds = time.process_time() - begin

@@ -74,7 +74,7 @@ def put(values: _T, into: _T, rows: NDArray[Any]) -> None:
             target[rows] = getattr(values, field.name)
 
 
-def scatter(values: _T, rows: Flags) -> _T:
+def spread(values: _T, rows: Flags) -> _T:
     """Return a dataclass whose arrays have a place for each of `rows`.
 
     Those that are true get the entries of `values` in order, the others NaN or 0.

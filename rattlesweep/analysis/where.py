@@ -56,10 +56,12 @@ COMPARISONS: Mapping[type[ast.cmpop], Operator] = {
     ast.Gt: operator.gt,
     ast.GtE: operator.ge,
 }
-MOST_EXPONENT = 100  # powers of whole numbers beyond it may take memory and hours
-# A text in quotes, a name in backticks, or one of pandas' signs for `and` and `or`.
+# Powers of whole numbers with larger exponents could fill the memory for hours.
+MOST_EXPONENT = 100
+# What Python reads otherwise than pandas: a name in backticks (the group), and the
+# signs for `and` and `or`.  Texts in quotes match first, so that none is found in them.
 PANDAS_SIGNS = re.compile(r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*"|`([^`]*)`|[&|]""")
-
+# An assignment, where a comparison is meant.
 SINGLE_EQUALS = re.compile(r"(?<![=<>!])=(?!=)")
 
 
@@ -76,7 +78,8 @@ class Where:
 
         A null meets no comparison but ``!=``.
         """
-        # Only flags may be null and still not become floats or objects.
+        # Columns of flags keep their type where some are null; pandas would make them
+        # objects.  In other columns a null becomes NaN or None, which meets nothing.
         flags = {pa.bool_(): pd.BooleanDtype()}
         table = pa.table(rows.select(list(self.columns)))
         frame = table.to_pandas(types_mapper=flags.get)
@@ -115,7 +118,7 @@ def parse_where(text: str, schema: pa.Schema) -> Where:
     names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     columns = tuple(name for name in schema.names if name in names)
     where = Where(text, tree, columns)
-    # No rows suffice to find all mistakes but those of single values.
+    # Without rows, this finds all mistakes but those that depend on single values.
     where.filter(pa.RecordBatch.from_pylist([], schema=schema))
     return where
 
@@ -128,8 +131,9 @@ def refusal(text: str, reason: str) -> ConfigError:
 
 def _in_python(sign: re.Match[str]) -> str:
     """Return what Python writes for a sign of pandas; texts stay as they are."""
-    if sign[1] is not None:
-        return f" {sign[1]} "
+    name_in_backticks = sign[1]
+    if name_in_backticks is not None:
+        return f" {name_in_backticks} "
     # Like pandas: `a > 1 & b > 2` means `a > 1 and b > 2`.
     return {"&": " and ", "|": " or "}.get(sign[0], sign[0])
 
@@ -208,8 +212,8 @@ class _Evaluation:
         _check_numbers("a sign", operand)
         if isinstance(node.op, ast.UAdd):
             return operand
-        _, subtract = ARITHMETIC[ast.Sub]
-        return subtract(0, operand)
+        negated: _Value = operator.mul(operand, -1)
+        return negated
 
     def arithmetic(self, node: ast.BinOp) -> _Value:
         """Return the result of arithmetic on numbers and columns of numbers."""
@@ -223,14 +227,21 @@ class _Evaluation:
             limit = MOST_EXPONENT
             if not isinstance(right, int | float) or abs(right) > limit:
                 raise ValueError(f"exponents are numbers from -{limit} to {limit}")
-            left = operator.mul(left, np.float64(1.0))  # so that powers may overflow
+            # Powers of floats overflow to infinity; those of whole numbers would wrap.
+            left = operator.mul(left, np.float64(1.0))
         return function(left, right)
 
     def comparison(self, node: ast.Compare) -> _Value:
         """Return a chain of comparisons, such as ``0 < a < 1``."""
         values = [self.value(each) for each in (node.left, *node.comparators)]
-        signs = map(type, node.ops)
-        return reduce(operator.and_, map(_compared, values, signs, values[1:]))
+        # `0 < a < 1` is `0 < a` and `a < 1`.
+        comparisons = [
+            _compared(first, type(sign), second)
+            for first, sign, second in zip(
+                values[:-1], node.ops, values[1:], strict=True
+            )
+        ]
+        return reduce(operator.and_, comparisons)
 
     def function(self, name: str, node: ast.Call) -> _Value:
         """Return a function of a number or of a column of numbers."""
@@ -259,6 +270,7 @@ class _Evaluation:
 def _compared(first: _Value, sign: type[ast.cmpop], second: _Value) -> _Value:
     """Return one comparison; with a list on its right side, a membership."""
     if isinstance(second, list):
+        # As in pandas, == and != with a list mean `in` and `not in`.
         if not isinstance(first, pd.Series):
             raise ValueError("only a column may be in a list")
         if sign in (ast.In, ast.Eq):
@@ -271,7 +283,7 @@ def _compared(first: _Value, sign: type[ast.cmpop], second: _Value) -> _Value:
     if sign not in COMPARISONS:
         raise ValueError(ALLOWED)
     kinds = {_kind(first), _kind(second)}
-    # Numbers compare with conditions, as True is 1.
+    # A number and a condition can be compared, as True is 1.
     if "text" in kinds and len(kinds) > 1:
         raise ValueError(f"it compares a {_kind(first)} with a {_kind(second)}")
     return COMPARISONS[sign](first, second)

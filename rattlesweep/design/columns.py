@@ -1,6 +1,8 @@
-"""The columns of the tables `runs` (a row per run) and `summary` (a row per case).
+"""The columns of the table `runs` (a row per run): names, units, meanings and sources.
 
-The names are fixed, so that scripts written against today's tables read next year's.
+Columns come in groups, which a sweep has or lacks as a whole.  A column's source is a
+function of the results of a block of runs.  The names are fixed, so that scripts
+written against today's tables read next year's.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
     # For mypy alone: columns are declared here, and computed where runs are.
     from rattlesweep.work.results import Results
 
-# Codes with their words, where -1 is null.
+# A column of words: the number of the word of each run (-1: null), and the words.
 Words: TypeAlias = "tuple[NDArray[Any], Sequence[str]]"
 # A column before it is written.
 Values: TypeAlias = "NDArray[Any] | pa.Array | Words"
@@ -41,7 +43,8 @@ I32 = pa.int32()
 I64 = pa.int64()
 FLAG = pa.bool_()
 TEXT = pa.string()
-# "element" is Parquet's own name, with which a schema is read as it was written.
+# A list of numbers for each run.  Parquet calls its items "element"; with this name,
+# the schema of a file that is read equals the schema that was written.
 _SERIES = pa.list_(pa.field("element", F64))
 
 
@@ -109,12 +112,14 @@ class Group:
     not_with: tuple[str, ...] = ()
 
 
+# A column without nulls.
 must = partial(Column, nullable=False)
+# Columns that a word of `record` adds.
 _recorded = partial(Group, optional=True, recorded=True)
 
 
 def of_loss(name: str) -> Column:
-    """Return the column of a constant of dissipation."""
+    """Return the column of a constant of dissipation, such as ``sigma``."""
     return must(name, F64, lambda runs: runs.launches.losses[name])
 
 
@@ -128,9 +133,13 @@ def of_surface(name: str) -> Column:
     )
 
 
-NOT_LINEAR = " or ".join(f"{x.name} > 0" for x in LOSSES.values() if not x.is_linear)
+# When there is no rate of growth: "rolling > 0 or ...", for all losses that are no
+# linear function of the angular velocity.
+NOT_LINEAR = " or ".join(
+    f"{loss.name} > 0" for loss in LOSSES.values() if not loss.is_linear
+)
 
-# Columns beside those of optional constants of dissipation.
+# What is told of a run beside the constant, for constants that some sweeps lack.
 WITH_LOSS = {
     "pivot": (
         Column(
@@ -383,7 +392,7 @@ GROUPS = (
         for name, loss in LOSSES.items()
         if loss.optional
     ),
-    # By the words of `record`; null for a run that failed at launch.
+    # By the words of `record`.  They are null for a run that failed at launch.
     _recorded(
         "energy",
         "`record: [energy]`",
@@ -700,6 +709,7 @@ RUN_FIELDS: dict[str, tuple[pa.Field, ...]] = {
     group.name: tuple(column.field for column in group.columns) for group in GROUPS
 }
 STATE_FIELDS = tuple(column.field for column in STATE_GROUP.columns)
+# Of bodies with a known size.
 MEASURED = tuple(column.field for column in SIZE_GROUP.columns)
 # Optional groups of columns, with the models that do not have them.
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
@@ -708,8 +718,9 @@ RECORD_PARTS: dict[str, tuple[str, ...]] = {
 
 
 def define(name: str) -> Definition:
-    """Return the definition of a quantity, or of a column; of another name, that name.
+    """Return the definition of a quantity or of a column, by its name.
 
+    A name that is neither, such as a user's own column, is its own symbol and meaning.
     A column in SI units, such as ``n_i_rpm``, has the symbol of its quantity.
     """
     if name in MEASURES and name not in QUANTITIES:
@@ -727,7 +738,10 @@ def define(name: str) -> Definition:
 def runs_schema(
     record: Collection[str] = (), model: str = "full", extra: Iterable[pa.Field] = ()
 ) -> pa.Schema:
-    """Return the schema of `runs` with some optional groups and `extra` columns."""
+    """Return the schema of `runs` with optional groups, by name, and `extra` columns.
+
+    Raises a ConfigError if the model does not have one of the groups.
+    """
     refused = sorted(name for name in record if model in RECORD_PARTS[name])
     if refused:
         raise ConfigError(f"record: the model {model!r} cannot record {refused[0]!r}")
@@ -777,12 +791,13 @@ def ragged(values: Floats, counts: Integers) -> pa.Array:
 def _to_arrow(values: Values, kind: pa.DataType) -> pa.Array:
     if isinstance(values, tuple):
         codes, words = values
-        # The code -1 is the last of these.
+        # The index -1 takes the last, which is null.
         values = np.array([*words, None], dtype=object)[codes]
     if isinstance(values, pa.Array | pa.ChunkedArray):
         return values.cast(kind)
     if pa.types.is_floating(kind):
         values = np.where(np.isfinite(values), values, np.nan)
+    # from_pandas: NaN becomes null.
     return pa.array(values, kind, from_pandas=True)
 
 

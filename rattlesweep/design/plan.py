@@ -30,9 +30,12 @@ from rattlesweep.physics.theory import spin_and_oscillation
 from rattlesweep.quantities import INITIAL_RATES, LOSSES
 from rattlesweep.units import Setting
 
-_MOST_SIZES = 64  # bodies that are looked at to see whether their sizes differ
-NO_END = np.array([np.nan])  # horizon of launches that have none of their own
-_Values = dict[str, list[Setting]]  # by column, empty where the table has them
+# Bodies that are looked at to see whether their sizes differ.
+_MOST_SIZES = 64
+# Horizon of launches that have none of their own.
+NO_END = np.array([np.nan])
+# The values of each column that cases combine; none where a table has the column.
+_Values = dict[str, list[Setting]]
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,10 @@ class Plan(Design):
 
     @cached_property
     def targets(self) -> Floats:
-        """Target of each case, or the number of its mesh, NaN without one."""
+        """What the source needs to make the bodies of each case.
+
+        The target of the torque coefficient, or the number of the mesh; NaN without.
+        """
         if isinstance(self.config.bodies, MeshSource):
             paths = list(self.config.bodies.path)
             numbers = [paths.index(case.mesh or "") for case in self.cases]
@@ -56,23 +62,28 @@ def make_plan(
 ) -> Plan:
     """Return the plan of a config.
 
-    A table of bodies is `rows`, or else it is searched for here and in `base`.
+    A table of bodies is `rows`, or else a file, which is searched for in the working
+    directory and in `base`.  Raises a ConfigError for what cannot be run.
     """
     source = make_source(config, base, rows)
+    # What a table has row by row replaces keys of the config.
     table: Mapping[str, Floats] = {}
     if isinstance(source, TableBodies):
         is_file = isinstance(config.bodies, TableSource) and config.bodies.path
         if source.units is not None and is_file:
+            # Only now is it known that the bodies have a size.
             problems = [f"{key}: {text}" for key, text in numbers_without_unit(config)]
             if problems:
                 raise ConfigError(problems)
         table = source.columns
         config = _with_losses(config, source.losses)
-    runs_schema(config.parts, config.model)  # refuses what the model cannot record
+    # This refuses what the model cannot record.
+    runs_schema(config.parts, config.model)
     values = _natural(config, source)
     launches, n_i = _launches(config, table, values)
     is_state = "u_x" in table or ("n_i" not in table and config.launch is not None)
     _check_launches(config, is_state, n_i, _own_ends(table))
+    # The cases are all combinations of meshes, targets, launches and losses.
     targets: list[tuple[str | None, float | None]] = [(None, None)]
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         target = config.bodies.target
@@ -101,14 +112,15 @@ def make_plan(
 def _launches(
     config: Config, table: Mapping[str, Floats], values: _Values
 ) -> tuple[list[dict[str, Setting]], Floats]:
-    """Return the launches of the cases, and all their spins.
+    """Return the launches of the cases, and the spins of all launches.
 
-    A launch is empty where each row of the table has its own.
+    If each row of the table has its own launch, there is one launch without values.
     """
     if "n_i" in table:
         return [{}], table["n_i"]
     if config.launch is not None:
-        spin, swing, *_ = spin_and_oscillation(config.launch.omega, config.launch.u)
+        state = config.launch
+        spin, swing, _psi = spin_and_oscillation(state.omega, state.u)
         launch = {"n_i": Setting(float(spin)), "omega_xy0": Setting(float(swing))}
         return [launch], np.array([spin])
     if config.spin is not None:
@@ -122,7 +134,8 @@ def _own_ends(table: Mapping[str, Floats]) -> Floats:
     ends = table.get("t_end", NO_END)
     if "n_i" in table:
         return ends
-    # Each launch of the config meets each row, so the rows that have none count.
+    # Each launch of the config meets each row.  A row without an end makes this NaN, as
+    # the launch then has none for that row.
     return np.array([ends.min()])
 
 
@@ -135,9 +148,11 @@ def _combinations(names: Iterable[str], values: _Values) -> list[dict[str, Setti
 
 def _with_losses(config: Config, columns: Mapping[str, list[float | str]]) -> Config:
     """Return the config with the dissipation of a table's columns."""
+    # A setting without a value is the word `table`, which stands for a column.
+    from_table = Setting()
     for name in LOSSES:
         values = config.settings.get(name, [])
-        if Setting() in values and name not in columns:
+        if from_table in values and name not in columns:
             lacks = f"the table has no column {name}; give a number"
             raise ConfigError(f"dissipation.{name}: {lacks}")
         if len(values) > 1 and name in columns:
@@ -160,21 +175,25 @@ def _with_losses(config: Config, columns: Mapping[str, list[float | str]]) -> Co
 def _natural(config: Config, source: Source) -> _Values:
     """Return spins and losses in units of the bodies.
 
-    Where the bodies differ in size, a list that has units stays in SI units.
+    Where the bodies differ in size, a list that has units stays in SI units, and each
+    body converts it for itself.
     """
     if not config.in_si:
         return config.settings
+    # Rows of a table are at hand; bodies that are drawn are looked at in part.
     count = source.samples
     if not isinstance(source, TableBodies):
         count = min(count, _MOST_SIZES)
     if isinstance(source, MeshBodies):
         units: Units | None = source.units
     else:
-        units = source.bodies(np.nan, np.arange(count)).units
+        no_target = np.nan
+        units = source.bodies(no_target, np.arange(count)).units
     natural: _Values = {}
     for name, values in config.settings.items():
         converted = [_convert(name, value, units) for value in values]
         if any(value.si is not None and value.natural is None for value in converted):
+            # The value of the body differs from body to body, so all stay in SI units.
             if any(value.si is None for value in values):
                 differ = (
                     "the sizes of the bodies differ, and some values are in units of "
@@ -206,7 +225,8 @@ def _convert(name: str, value: Setting, units: Units | None) -> Setting:
         place, problem = broken
         size = f"is {natural[place]:g} in units of the body"
         raise ConfigError(f"{key} {size}; {problem}")
-    if natural.min() < natural.max():
+    sizes_differ = natural.min() < natural.max()
+    if sizes_differ:
         return value
     return Setting(float(natural[0]), value.si)
 

@@ -18,11 +18,13 @@ from rattlesweep.physics.body import PARAMETERS, Rattleback
 
 @dataclass(frozen=True)
 class Launch:
-    """One run, with the keys of a config (but ``dt_step``) and a default horizon of 5
-    t_rGH.
+    """One run, as the arguments of a call describe it, in units of the body.
 
-    In the reduced model `e_p0` and `e_r0` replace the initial energies of the modes, in
-    ``M g a``.
+    The names and values are those of the keys of a config, except that the key ``dt``
+    of the integrator is ``dt_step`` here.  A run is launched by `n_i`, `omega_xy0` and
+    `psi`, or by a full state, `omega` and `u`.  Without `t_end` it ends at 5 t_rGH.
+    In the reduced model `e_p0` and `e_r0` replace the initial energies of pitch and
+    roll, in ``M g a``.
     """
 
     body: Rattleback
@@ -41,21 +43,23 @@ class Launch:
 
 
 def is_full_state(omega: object, u: object, spin: Mapping[str, object]) -> bool:
-    """Return whether a launch is a full state; raise if it also has a spin, or lacks
-    omega.
+    """Return whether a launch is a full state.
+
+    Raises a ConfigError if it also has a value of `spin`, or lacks omega.
     """
     if omega is None and u is None:
         return False
-    if given := " and ".join(name for name, value in spin.items() if value is not None):
+    given = [name for name, value in spin.items() if value is not None]
+    if given:
         advice = "keep omega and u, or n_i, omega_xy0 and psi"
-        raise ConfigError(f"{given} given with a full state; {advice}")
+        raise ConfigError(f"{' and '.join(given)} given with a full state; {advice}")
     if omega is None:
         raise ConfigError("omega: missing; a full state has omega and u")
     return True
 
 
 def directions(columns: Mapping[str, Floats], psi: str) -> Floats:
-    """Return the directions of the oscillations of rows, by a word for the mode."""
+    """Return the direction of the push in each row, from a word for the mode."""
     if psi not in DIRECTIONS:
         raise ConfigError(f"psi: {not_one_of(psi, DIRECTIONS)}, or give degrees")
     names = ("alpha", "beta", "theta", "phi", "xi")
@@ -65,7 +69,8 @@ def directions(columns: Mapping[str, Floats], psi: str) -> Floats:
 
 def plan_of(run: Launch) -> Plan:
     """Return the plan of one run."""
-    names = (*PARAMETERS, "c")  # without c, which is None, a NaN
+    # The body as a table of one row.  A paraboloid has no c; None becomes NaN.
+    names = (*PARAMETERS, "c")
     rows = TableBodies(
         {name: np.array([getattr(run.body, name)], float) for name in names}
     )
@@ -78,7 +83,9 @@ def plan_of(run: Launch) -> Plan:
         raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
     else:
         launch = {"spin": spin}
-    horizon = {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end}
+    horizon = {"t_rgh": 5.0}
+    if run.t_end is not None:
+        horizon = {"t": run.t_end}
     keys = {"horizon": horizon, "dissipation": dict(run.losses), **launch}
     return plan_of_rows(rows, run.model, run.integrator, run.record, keys)
 
@@ -92,13 +99,12 @@ def plan_of_rows(
 ) -> Plan:
     """Return the plan of bodies in memory, by default up to 5 t_rGH.
 
-    `keys` are further keys of a config; without them, the rows have launches.
+    `keys` are further keys of a config, such as ``spin``.  What they leave out, the
+    rows must have as columns.
     """
-    steps = {
-        "dt" if name == "dt_step" else name: value
-        for name, value in integrator.items()
-        if value is not None
-    }
+    steps = {name: value for name, value in integrator.items() if value is not None}
+    if "dt_step" in steps:
+        steps["dt"] = steps.pop("dt_step")
     try:
         config = parse_config(
             {"model": model, "integrator": steps, "record": list(record), **keys},
@@ -110,9 +116,12 @@ def plan_of_rows(
 
 
 def _of_arguments(message: str) -> str:
-    """Return a message about a key of the integrator, as it is named in calls."""
+    """Return a message about a key of the integrator, as it is named in calls.
+
+    Calls have no section `integrator`.  They name the step ``dt_step``, as ``dt`` is
+    the time between the rows of a trajectory.
+    """
     message = message.removeprefix("integrator.")
     if message.startswith("dt: "):
-        # The rows of a trajectory are ``dt`` apart.
         return re.sub(r"\bdt\b", "dt_step", message)
     return message

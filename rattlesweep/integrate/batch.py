@@ -13,7 +13,7 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
-from rattlesweep.arrays import Flags, Floats, Integers, put, scatter, take
+from rattlesweep.arrays import Flags, Floats, Integers, put, spread, take
 from rattlesweep.integrate import SettingError, processors
 from rattlesweep.integrate.compile import Kernel, Order, load_kernels
 from rattlesweep.integrate.lanes import kernel, modes, runs, slides
@@ -32,7 +32,7 @@ from rattlesweep.physics import stone, vectors
 # Largest change of the amplitude's logarithm that a fixed step may cause.
 MAX_DAMPING = 0.1
 # Statuses of runs that may have left the chart of their variables.
-FAILED = (
+LEFT_CHART = (
     Status.NONFINITE,
     Status.STEP_TOO_SMALL,
     Status.ENERGY,
@@ -45,7 +45,7 @@ FAILED = (
 PLATEAU_SHARE = 0.25
 # Height of a rim that is never reached; products with a power of two keep their digits.
 NO_RIM = 2.0**100
-RECORDS = Recording._fields
+RECORDINGS = Recording._fields
 
 
 @cache
@@ -88,23 +88,23 @@ WHOLE = np.zeros(0, dtype=np.int64)
 NO_PARTS = np.zeros(2, dtype=np.int64)
 INPUTS = Inputs(TABLE, TABLE, TABLE, np.zeros(0, runs.PLAN))
 SETTINGS = kernel.Options(1.0, 1.0, 1.0)
-NOTHING = Recording(*(np.zeros((0, 1, 1)) for _ in RECORDS))
+NOTHING = Recording(*(np.zeros((0, 1, 1)) for _ in RECORDINGS))
 OUTPUTS = Outputs(np.zeros(0, modes.RESULT), TABLE)
 SHARED = WHOLE, WHOLE, INPUTS, SETTINGS, TABLE, OUTPUTS, NOTHING
 
 
-def work(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
-    """Return :func:`kernel.work` for a model, which each thread runs.
+def work_recipe(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
+    """Return :func:`kernel.work_off` for a model, which each thread runs.
 
     ``rim`` is ``rimmed`` or empty.
     """
     problem = problem_of(find_model(model_name), adaptive, rimmed=bool(rim))
     arguments = problem, 0, NO_PARTS, FLAT, *SHARED
     options = INNER | {"no_cpython_wrapper": False}
-    return Kernel(kernel.work, arguments, options)
+    return Kernel(kernel.work_off, arguments, options)
 
 
-def attempt(tableau_name: str, model_name: str, extra: str = "") -> Kernel:
+def attempt_recipe(tableau_name: str, model_name: str, extra: str = "") -> Kernel:
     """Return the step of a method and a model; ``extra`` is ``volume`` or empty."""
     tableau = METHODS[tableau_name]
     model = find_model(model_name)
@@ -112,7 +112,7 @@ def attempt(tableau_name: str, model_name: str, extra: str = "") -> Kernel:
     return Kernel(written, (problem_of(model, tableau.adaptive), FLAT, 1.0), OPTIONS)
 
 
-def decide_closely(adaptive: bool) -> Kernel:
+def decide_recipe(adaptive: bool) -> Kernel:
     """Return :func:`kernel.decide_closely`, which serves all models."""
     return Kernel(
         kernel.decide_closely,
@@ -121,13 +121,16 @@ def decide_closely(adaptive: bool) -> Kernel:
     )
 
 
-def slide_lanes(model_name: str, rim: str = "") -> Kernel:
-    """Return :func:`slides.slide_lanes` for a model; ``rim`` as for :func:`work`."""
+def slide_recipe(model_name: str, rim: str = "") -> Kernel:
+    """Return :func:`slides.slide_lanes` for a model.
+
+    ``rim`` is as for :func:`work_recipe`.
+    """
     problem = problem_of(find_model(model_name), True, rimmed=bool(rim))
     return Kernel(slides.slide_lanes, (problem, FLAT, 1.0, True), INNER)
 
 
-def drive() -> Kernel:
+def drive_recipe() -> Kernel:
     """Return :func:`kernel.drive`, which starts the threads of all kernels."""
     options = {"parallel": True, "nogil": True}
     return Kernel(kernel.drive, (0, NO_PARTS, 1, TABLE, *SHARED), options)
@@ -160,16 +163,16 @@ def threaded_kernel(
     extra = ("volume",) if "volume" in record else ()
     rim = ("rimmed",) if rimmed else ()
     orders: list[Order] = [
-        (work, model.name, tableau.adaptive, *rim),
-        (attempt, tableau_name, model.name, *extra),
-        (decide_closely, tableau.adaptive),
+        (work_recipe, model.name, tableau.adaptive, *rim),
+        (attempt_recipe, tableau_name, model.name, *extra),
+        (decide_recipe, tableau.adaptive),
     ]
     if model.slide is not None:
-        orders.append((slide_lanes, model.name, *rim))
+        orders.append((slide_recipe, model.name, *rim))
     pieces = len(orders)
     threaded = parallel()
     if threaded:
-        orders.append((drive,))
+        orders.append((drive_recipe,))
     # All are loaded together, so that they are compiled in parallel.
     loaded = load_kernels(*orders)
     working = loaded[0]
@@ -422,7 +425,7 @@ def integrate(
             written = control.progress, outputs, recording
             call(count, (control.shared, order, inputs, options, *written))
     outcome = _outcome(batch, model, tableau, dt, outputs, recording)
-    failed = np.isin(outcome.status, FAILED)
+    failed = np.isin(outcome.status, LEFT_CHART)
     if model.anywhere is None or not failed.any():
         return outcome
     # The repetition begins at the launch, so that a run depends on its own numbers
@@ -500,7 +503,7 @@ def _by_surface(
             own[name] = None if values is None else take(values, rows)
         outcomes.append(integrate(part, tableau, own_model, control=control, **own))
     of_flat, of_others = outcomes
-    outcome = scatter(of_flat, is_flat)
+    outcome = spread(of_flat, is_flat)
     put(of_others, outcome, other_rows)
     return replace(outcome, stopped=of_flat.stopped or of_others.stopped)
 
@@ -639,7 +642,7 @@ def inputs_of(
     # The depth below which the method cannot tell the sign of an extremum, as a
     # fraction of the swing.
     if tableau.adaptive:
-        angle = min(1.0, kernel.FIRST_ANGLE * tol ** (1 / tableau.order))
+        angle = min(1.0, kernel.FIRST_STEP_ANGLE * tol ** (1 / tableau.order))
         plan["first_step"] = angle / batch.swing
         plan["fuzz"] = 1e3 * tol
     else:

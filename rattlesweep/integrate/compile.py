@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 PACKAGE = Path(__file__).resolve().parents[1]
 PROCESSES = 2  # processes that compile at once
 # Settings of Numba, as in NUMBA_OPT, that change the code of a kernel.
-SETTINGS = (
+NUMBA_SETTINGS = (
     "OPT",
     "LOOP_VECTORIZE",
     "SLP_VECTORIZE",
@@ -127,7 +127,7 @@ def source_hash() -> str:
     name = config.CPU_NAME or binding.get_host_cpu_name()
     features = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()
     versions = sys.version, numba.__version__, llvmlite.__version__
-    settings = [(key, repr(getattr(config, key, None))) for key in SETTINGS]
+    settings = [(key, repr(getattr(config, key, None))) for key in NUMBA_SETTINGS]
     return _hash(files, str(PACKAGE), *versions, name, features, settings)
 
 
@@ -403,9 +403,11 @@ def compile_orders(orders: list[tuple[str, str, list[str | bool]]]) -> None:
         lock = LockFile(Path(f"{_place(recipe, *names)}.lock"))
         # A kernel whose lock is taken is being compiled by another process.
         if lock.acquire(0.0):
-            if not is_stored(recipe, *names):
-                _load(recipe, *names)
-            lock.release()
+            try:
+                if not is_stored(recipe, *names):
+                    _load(recipe, *names)
+            finally:
+                lock.release()
 
 
 # A listener is told whether later runs will find the kernels.

@@ -32,13 +32,14 @@ from rattlesweep.integrate.lanes.lane import (
     lane_of,
     widest_vectors,
 )
+from rattlesweep.integrate.lanes.statuses import OK
 from rattlesweep.integrate.model import ATTITUDES, Model, find_model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, TOL, Tableau
 
 STEPS_PER_CALL = 2048  # a few milliseconds, after which Python can act on Ctrl-C
 MOST_ZEROS = 256  # in a call
-MOST_AHEAD = 100  # calls whose steps are kept for later, a few hundred kB each
+CALLS_AHEAD = 100  # calls whose steps are kept for later, a few hundred kB each
 # Columns of a stored step: time, its low part, sense of the spin from there on, then
 # the state, its derivative and slip.
 T, T_LOW, SENSE, STATE = range(4)
@@ -47,7 +48,7 @@ T, T_LOW, SENSE, STATE = range(4)
 RATIO_MAX, NORMAL_MIN = 0, 1
 
 
-class Stored(NamedTuple):
+class StoredSteps(NamedTuple):
     """How far a call of :func:`record_steps` has come."""
 
     rows: int  # of the tables
@@ -96,7 +97,7 @@ def record_steps(
     row = 0
     n_zeros = 0
     n_turns = 0
-    status = kernel.OK
+    status = OK
     accepted = True
     last = False
     ended = False
@@ -118,11 +119,12 @@ def record_steps(
         crossed = lane.t_crossed
         reversals_before = lane.reversals
         lane.n_after = NEVER  # no peak of a turn is searched
-        if kernel.try_step(problem, parts, w, options, recording) > 0:
+        due = kernel.try_step(problem, parts, w, options, recording)
+        if due & 1 != 0:
             status, move = kernel.look_closer(
                 problem, parts, w, 0, max_steps, recording
             )
-            ended = status != kernel.OK or (move != HOLD and lane.last > 0.0)
+            ended = status != OK or (move != HOLD and lane.last > 0.0)
         last = lane.last > 0.0
         if lane.t_crossed != crossed and not runs.is_dead(lane):
             zeros[n_zeros] = lane.t_crossed
@@ -137,7 +139,7 @@ def record_steps(
             kernel.watch(problem, w, recording)
         kernel.commit(problem, w)
     energy = problem.modes.energy(lane)
-    return Stored(row, n_zeros, n_turns, ended, status, lane.energy0, energy)
+    return StoredSteps(row, n_zeros, n_turns, ended, status, lane.energy0, energy)
 
 
 def states_after(problem, parts, w, steps, which, offset, constants, swing, scale, out):
@@ -182,7 +184,7 @@ def states_after(problem, parts, w, steps, which, offset, constants, swing, scal
                 out[first + l, out.shape[1] - N_SLIP + c] = component
 
 
-def observe(problem, states, slips, senses, constants, out):
+def observe_samples(problem, states, slips, senses, constants, out):
     """Write spin, energy, contact forces and torque of pivoting to ``out``."""
     model = problem.model
     q = first_of(constants, model.n_constants)
@@ -198,15 +200,15 @@ def observe(problem, states, slips, senses, constants, out):
             out[1 + row, i] = value
 
 
-OPTIONS = {"nogil": True, "error_model": "numpy"}
+FOLLOW_OPTIONS = {"nogil": True, "error_model": "numpy"}
 
 
 def steps_recipe(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
-    """Return :func:`record_steps` of a model; ``rim`` is as for `batch.work`."""
+    """Return :func:`record_steps` of a model; ``rim`` is as for `batch.work_recipe`."""
     problem = batches.problem_of(find_model(model_name), adaptive, rimmed=bool(rim))
     run = problem, batches.NO_PARTS, batches.FLAT, batches.INPUTS, batches.SETTINGS
     tables = batches.TABLE, batches.TABLE, batches.FLAT, batches.FLAT
-    return Kernel(record_steps, (*run, batches.NOTHING, True, *tables), OPTIONS)
+    return Kernel(record_steps, (*run, batches.NOTHING, True, *tables), FOLLOW_OPTIONS)
 
 
 def states_recipe(model_name: str) -> Kernel:
@@ -215,14 +217,14 @@ def states_recipe(model_name: str) -> Kernel:
     points = batches.TABLE, batches.WHOLE, batches.FLAT
     arguments = problem, batches.NO_PARTS, batches.FLAT, *points
     settings = batches.FLAT, 1.0, 1.0
-    return Kernel(states_after, (*arguments, *settings, batches.TABLE), OPTIONS)
+    return Kernel(states_after, (*arguments, *settings, batches.TABLE), FOLLOW_OPTIONS)
 
 
 def observe_recipe(model_name: str) -> Kernel:
     """Return :func:`observe` of a model."""
     problem = batches.problem_of(find_model(model_name), True)
     tables = batches.TABLE, batches.TABLE, batches.FLAT, batches.FLAT, batches.TABLE
-    return Kernel(observe, (problem, *tables), OPTIONS)
+    return Kernel(observe_samples, (problem, *tables), FOLLOW_OPTIONS)
 
 
 @dataclass(frozen=True)
@@ -322,10 +324,10 @@ class Follower:
             ended = stretch.ended
             status = stretch.status
             self._ahead.append(stretch)
-            if len(self._ahead) > MOST_AHEAD:
+            if len(self._ahead) > CALLS_AHEAD:
                 too_long = True
                 self._ahead.clear()
-        if status in batches.FAILED:
+        if status in batches.LEFT_CHART:
             self._start(batches.anywhere(batch), anywhere, attitude)
         elif too_long:
             self._start(batch, self.model, attitude)
@@ -349,14 +351,15 @@ class Follower:
         rim = ("rimmed",) if rimmed else ()
         record: Order = (steps_recipe, model.name, tableau.adaptive, *rim)
         look: Order = (observe_recipe, model.name)
-        decide: Order = (batches.decide_closely, tableau.adaptive)
+        decide: Order = (batches.decide_recipe, tableau.adaptive)
         orders = [record, look, decide]
         parts: list[list[Order]] = []
         states: list[Order] = []
         for each in self._models:
-            own: list[Order] = [(batches.attempt, tableau.name, each.name), decide]
+            attempt = batches.attempt_recipe, tableau.name, each.name
+            own: list[Order] = [attempt, decide]
             if each.slide is not None:
-                own.append((batches.slide_lanes, each.name, *rim))
+                own.append((batches.slide_recipe, each.name, *rim))
             parts.append(own)
             states.append((states_recipe, each.name))
             orders += [*own, states[-1]]
@@ -529,7 +532,7 @@ class Follower:
         ]
         return y[:, n_given:], ends[:, :3], 0.5 * offset * (spins[0] + spins[1])
 
-    def _call(self, rows: int, *, begins: bool) -> tuple[Stretch, Stored]:
+    def _call(self, rows: int, *, begins: bool) -> tuple[Stretch, StoredSteps]:
         """Begin or continue the run, for a number of rows of the table of steps."""
         steps = np.zeros((rows, self._width))
         extremes = np.zeros((rows, 2))
@@ -537,7 +540,7 @@ class Follower:
         # The first reversal of a call may belong to a zero of the call before.
         turns = np.zeros(MOST_ZEROS + 1)
         tables = steps, extremes, zeros, turns
-        stored = cast(Stored, self._kernel(*self._run, begins, *tables))
+        stored = cast(StoredSteps, self._kernel(*self._run, begins, *tables))
         stretch = Stretch(
             steps=steps[: stored.rows],
             extremes=extremes[: stored.rows],

@@ -639,7 +639,7 @@ FRICTIONLESS = {FULL.name: FULL}
 FRICTIONLESS |= {each.model: _frictionless(each) for each in surface.FURTHER}
 """Models of the surfaces without friction, by their names."""
 
-ELLIPSOID = FRICTIONLESS[surface.ELLIPSOID.model]
+FULL_ELLIPSOID = FRICTIONLESS[surface.ELLIPSOID.model]
 
 
 def _all_with_friction() -> dict[tuple[str, str], Model]:
@@ -981,7 +981,7 @@ def _with_rotation(plain: Model) -> Model:
         _, u, omega, r, w, _, _, _ = placed
         x, y_, z = sliding.cross(r, omega)
         wx, wy, wz = w
-        ex, ey, ez = sliding.direction(u, slip.angle)
+        ex, ey, ez = sliding.slip_direction(u, slip.angle)
         velocity = (
             x - wx + slip.speed * ex,
             y_ - wy + slip.speed * ey,

@@ -28,7 +28,7 @@ class Control:
     """Link to a running kernel, or several in turn: reports progress, and stops it."""
 
     # For the present kernel: next place in the queue and stop flag; a row of progress
-    # for each thread (see `lanes.kernel.work`); expected cost of all runs.
+    # for each thread (see `lanes.kernel.work_off`); expected cost of all runs.
     shared: NDArray[np.int64] = field(
         default_factory=lambda: np.zeros(2, dtype=np.int64)
     )

@@ -1,8 +1,10 @@
-"""Figs. 6 and 8: times of reversal in the unsteady and in the steady direction (U, S6
-to S8).
+"""Figs. 6 and 8: times of reversal in the unsteady and in the steady direction, and
+the claims U1, U2 and S6 to S8 on them.
 
-In all claims, a mean agrees with the formula if it is within a tenth of a decade of the
-line (a factor of 1.26), which is the size of a symbol on the paper's logarithmic axes.
+A point is what the figures show as one symbol: the runs with one torque coefficient,
+spin and push.  In all claims, a mean agrees with the formula if it is within a tenth of
+a decade of the line (a factor of 1.26), which is the size of a symbol on the paper's
+logarithmic axes.
 
 Runs of type SW and runs that reverse late are integrated again to record the extremes
 of the spin in 64 windows of time.  The onset of wobbling, or of a reversal, is the
@@ -30,8 +32,10 @@ from rattlesweep.paper.workspace import (
 )
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 
+# The size of a symbol, as a factor.
 SYMBOL = 10**0.1
-# Fewest runs for a median; with less than two or four times as many it is uncertain.
+# Fewest runs for a median.  A statement about fewer than twice as many late runs, or
+# four times as many runs that wobble or reverse, may fail by chance.
 _FEW = 5
 # Fig. 6(b): launch and duration.  The paper does not state the duration.
 N_I = 0.5
@@ -53,23 +57,27 @@ def runs_from_unsteady(ws: Workspace) -> Tables:
 def steady(ws: Workspace) -> Tables:
     """Return the tables ``times`` of Fig. 8 and ``windows``, with a row a point."""
     runs = ws.sweep("steady")
-    back = runs["type"] == "R"
-    ratio = (runs["t_r"] / runs["t_rgh"]).where(back)
+    reverses = runs["type"] == "R"
+    t_r = runs["t_r"].where(reverses)
+    ratio = t_r / runs["t_rgh"]
     late = ratio > LATE_FROM
+    # The growth rate of the roll at the launch, over that of the theory.
     roll = growth_rates(runs[[*PARAMETERS]], runs["n_i"].to_numpy(), exact=True).roll
     growth = roll / (runs["n_i"].abs() * runs["K_r_body"] / 2)
+    # What happens within a run is looked at in those that wobble and in the late ones.
     chosen = runs[(runs["type"] == "SW") | late]
     seen = in_windows(ws.again(chosen, ws.sizes.windows, "windows")).reindex(runs.index)
-    onset = seen["onset"].where(~back)
-    centre = (seen["centre"] / runs["n_i"]).where(~back)
+    onset = seen["onset"].where(~reverses)
+    centre = (seen["centre"] / runs["n_i"]).where(~reverses)
+    # Each quantity is null in the runs that have none, so that they do not count below.
     points = runs.assign(
         late=late,
-        back=runs["t_r"].where(back),
+        t_reversed=t_r,
         ratio=ratio,
         ratio_prompt=ratio.where(~late),
         growth_late=growth.where(late),
-        growth_prompt=growth.where(back & ~late),
-        plateau=seen["kept"] / runs["t_r"].where(back),
+        growth_prompt=growth.where(reverses & ~late),
+        plateau=seen["plateau_end"] / t_r,
         onset=onset,
         onset_late=onset > LATE_FROM * runs["t_rgh"],
         centre=centre,
@@ -77,8 +85,8 @@ def steady(ws: Workspace) -> Tables:
     ).groupby("case")
     windows = points.agg(
         **{name: (name, "first") for name in ("K_r", "n_i", "omega_xy0")},
-        reversed=("back", "count"),
-        t_r_median=("back", "median"),
+        reversed=("t_reversed", "count"),
+        t_r_median=("t_reversed", "median"),
         late=("late", "sum"),
         ratio_std=("ratio", "std"),
         ratio_std_prompt=("ratio_prompt", "std"),
@@ -100,40 +108,47 @@ def steady(ws: Workspace) -> Tables:
 def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
     """Return, for each point, reversal times and the theory's line at the mean n_0."""
     rows = (
-        runs.assign(back=runs["t_r"].where(runs["type"] == "R"))
+        runs.assign(t_reversed=runs["t_r"].where(runs["type"] == "R"))
         .groupby("case")
         .agg(
             **{name: (name, "first") for name in (target, "n_i", "omega_xy0")},
             runs=("n_0", "size"),
-            reversed=("back", "count"),
-            t_r_mean=("back", "mean"),
-            t_r_std=("back", "std"),
-            t_r_sem=("back", "sem"),
+            reversed=("t_reversed", "count"),
+            t_r_mean=("t_reversed", "mean"),
+            t_r_std=("t_reversed", "std"),
+            t_r_sem=("t_reversed", "sem"),
             n_0_mean=("n_0", "mean"),
         )
     )
     n_0 = rows["n_0_mean"]
     mean = rows["t_r_mean"]
     std = rows["t_r_std"]
+    # Garcia and Hubbard's time (Eqs. 56 and 58), with the coefficient of the point.
     line = 2 * np.arctanh(rows["n_i"].abs() / n_0) / (n_0 * rows[target])
     rows["t_rgh_line"] = line
-    error = Z95 * rows.pop("t_r_sem")
-    spread = Z95 * std / np.sqrt(2 * (rows["reversed"] - 1).clip(lower=1))
-    for name, value, half in (
-        ("t_r_mean", mean, error),
-        ("t_r_std", std, spread),
-        ("ratio", mean / line, error / line),
-        ("scatter", std / mean, spread / mean),
+    error_of_mean = Z95 * rows.pop("t_r_sem")
+    error_of_std = _error_of_std(std, rows["reversed"])
+    for name, value, error in (
+        ("t_r_mean", mean, error_of_mean),
+        ("t_r_std", std, error_of_std),
+        ("ratio", mean / line, error_of_mean / line),
+        ("scatter", std / mean, error_of_std / mean),
     ):
         rows[name] = value
-        rows[f"{name}_low"] = value - half
-        rows[f"{name}_high"] = value + half
+        rows[f"{name}_low"] = value - error
+        rows[f"{name}_high"] = value + error
     return rows
+
+
+def _error_of_std(std: pd.Series, count: pd.Series) -> pd.Series:
+    """Return half of the 95 % interval of standard deviations of normal samples."""
+    error: pd.Series = Z95 * std / np.sqrt(2 * (count - 1).clip(lower=1))
+    return error
 
 
 def in_windows(runs: pd.DataFrame) -> pd.DataFrame:
     """Return onset, end of the plateau and mean spin from the onset on; NaN: none."""
-    columns = ["onset", "kept", "centre"]
+    columns = ["onset", "plateau_end", "centre"]
     seen = pd.DataFrame(np.nan, index=runs.index, columns=columns)
     names = ["n_i", "window_t", "window_n_min", "window_n_max"]
     for place, n_i, step, least, most in (
@@ -144,15 +159,16 @@ def in_windows(runs: pd.DataFrame) -> pd.DataFrame:
         if n_i < 0:
             nearest = most
         loss = 1 - nearest / n_i
-        half = loss.max() / 2
-        end_of_plateau = first_above(loss, PLATEAU, step)
-        if np.isnan(end_of_plateau):
-            # The run ended within the window of the loss, so the plateau lasts until
-            # that window begins.
-            end_of_plateau = len(loss) * step
-        onset = first_above(loss, half, step)
-        centre = ((least + most) / 2)[np.argmax(loss > half) :].mean()
-        seen.loc[place] = (onset, end_of_plateau, centre)
+        plateau_end = first_above(loss, PLATEAU, step)
+        if np.isnan(plateau_end):
+            # The loss came after the last whole window, in the one in which the run
+            # ended.  The plateau lasts until that one begins.
+            plateau_end = len(loss) * step
+        half_of_loss = loss.max() / 2
+        onset = first_above(loss, half_of_loss, step)
+        from_onset = np.argmax(loss > half_of_loss)
+        centre = ((least + most) / 2)[from_onset:].mean()
+        seen.loc[place] = (onset, plateau_end, centre)
     return seen
 
 
@@ -170,20 +186,23 @@ def close(ratio: pd.Series) -> pd.Series:
 
 
 def beside_formula(points: pd.DataFrame, coefficient: str) -> Measured:
-    """Measure whether means are near the formula and as 1 over the coefficient."""
-    within = (points["ratio_low"] < SYMBOL) & (points["ratio_high"] > 1 / SYMBOL)
+    """Measure whether means are near the formula, and go as 1 over the coefficient."""
+    # Within sampling error, a mean may be close that is not.
+    may_be_close = (points["ratio_low"] < SYMBOL) & (points["ratio_high"] > 1 / SYMBOL)
+    # A curve has one spin and one push; on logarithmic axes its slope should be -1.
     slopes = [
         float(np.polyfit(np.log(curve[coefficient]), np.log(curve["t_r_mean"]), 1)[0])
         for _, curve in points.groupby(["n_i", "omega_xy0"])
         if len(curve) > 1
     ]
-    row = records(points.sort_values("ratio", key=lambda ratio: np.abs(np.log(ratio))))[
-        -1
-    ]
-    value, low, high = (row[name] for name in ("ratio", "ratio_low", "ratio_high"))
+    by_distance = points.sort_values("ratio", key=lambda ratio: np.abs(np.log(ratio)))
+    farthest = records(by_distance)[-1]
+    value = farthest["ratio"]
+    low = farthest["ratio_low"]
+    high = farthest["ratio_high"]
     checks = [
-        every(close(points["ratio"]), within),
-        max(abs(s + 1) for s in slopes) < 0.1,
+        every(close(points["ratio"]), may_be_close),
+        max(abs(slope + 1) for slope in slopes) < 0.1,
     ]
     return checks, {
         "value": value,
@@ -193,8 +212,8 @@ def beside_formula(points: pd.DataFrame, coefficient: str) -> Measured:
         "least": points["ratio"].min(),
         "largest": points["ratio"].max(),
         "farthest": f"{value:.3f} [{low:.3f}, {high:.3f}] at "
-        f"{coefficient} = {row[coefficient]:.3g}, "
-        f"n_i = {row['n_i']:g}, omega_xy0 = {row['omega_xy0']:g}",
+        f"{coefficient} = {farthest[coefficient]:.3g}, "
+        f"n_i = {farthest['n_i']:g}, omega_xy0 = {farthest['omega_xy0']:g}",
     }
 
 
@@ -204,9 +223,9 @@ def unsteady_formula(made: Made) -> Measured:
     points = points.dropna(subset=["ratio"])
     checks, numbers = beside_formula(points, "K_p")
     outside = ", ".join(
-        f"K_p = {r.K_p:g} at n_i = {r.n_i:g}, "
-        f"omega_xy0 = {r.omega_xy0:g} ({r.ratio:.2f})"
-        for r in points[~close(points["ratio"])].itertuples()
+        f"K_p = {point.K_p:g} at n_i = {point.n_i:g}, "
+        f"omega_xy0 = {point.omega_xy0:g} ({point.ratio:.2f})"
+        for point in points[~close(points["ratio"])].itertuples()
     )
     return [*checks, every(points["scatter"] < 0.1, points["scatter_low"] < 0.1)], {
         **numbers,
@@ -219,28 +238,29 @@ def unsteady_formula(made: Made) -> Measured:
 def large_spin(made: Made) -> Measured:
     """Measure U2: at large spin or oscillation reversals are later and scatter more."""
     points = made["fig6"]["times"].dropna(subset=["ratio"])
+    fast = points.query("abs(n_i) >= 0.4")
+    # The run of Fig. 6(b), before it reverses.
     series = made["fig6"]["spin"]
-    beyond = points.query("abs(n_i) >= 0.4")
     until = series[: int(np.argmax(series["n"] < 0))]
     spin = swing_frequency(until["t"], until["n"])
     swing = swing_frequency(until["t"], until["omega_x"])
-    within_size = ("n_i", "K_p")
-    within_spin = ("omega_xy0", "K_p")
+    by_push = ("n_i", "K_p")  # what the groups share in which the push rises
+    by_spin = ("omega_xy0", "K_p")
     checks = [
         every(points["ratio_low"] > 1, points["ratio_high"] > 1),
-        rises(points, "ratio", "omega_xy0", within_size),
-        rises(points, "ratio", "n_i", within_spin),
-        rises(points, "scatter", "omega_xy0", within_size),
-        every(beyond["ratio"] > SYMBOL, beyond["ratio_high"] > SYMBOL),
-        rises(beyond, "t_r_mean", "n_i", within_spin)
-        + rises(beyond, "t_r_std", "n_i", within_spin),
+        rises(points, "ratio", "omega_xy0", by_push),
+        rises(points, "ratio", "n_i", by_spin),
+        rises(points, "scatter", "omega_xy0", by_push),
+        every(fast["ratio"] > SYMBOL, fast["ratio_high"] > SYMBOL),
+        rises(fast, "t_r_mean", "n_i", by_spin)
+        + rises(fast, "t_r_std", "n_i", by_spin),
         abs(spin / swing - 1) < 0.1,
     ]
     return checks, beside_formula(points, "K_p")[1] | {
         "value": points["ratio"].max(),
         "low": None,
         "high": None,
-        "fast": extremes(beyond["ratio"]),
+        "fast": extremes(fast["ratio"]),
         "spin": spin,
         "span": np.ptp(until["n"]),
         "multiple": spin / swing,
@@ -248,10 +268,10 @@ def large_spin(made: Made) -> Measured:
     }
 
 
-def swing_frequency(t: pd.Series, n: pd.Series) -> float:
-    """Return the angular frequency above 0.5 where the spectrum of n is strongest."""
-    power = np.abs(np.fft.rfft((n - n.mean()) * np.hanning(len(n))))
-    omega = 2 * np.pi * np.fft.rfftfreq(len(n), t.iloc[1] - t.iloc[0])
+def swing_frequency(t: pd.Series, values: pd.Series) -> float:
+    """Return the angular frequency above 0.5 where the spectrum is strongest."""
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values))))
+    omega = 2 * np.pi * np.fft.rfftfreq(len(values), t.iloc[1] - t.iloc[0])
     # Frequencies below 0.5 belong to the slow change of the spin itself.
     return float(omega[np.argmax(power * (omega > 0.5))])
 
@@ -272,26 +292,30 @@ def steady_formula(made: Made) -> Measured:
 
 def late_reversals(made: Made) -> Measured | None:
     """Measure S7: at fast spins and small K_r some runs reverse late and abruptly."""
-    beyond = (
-        made["fig8"]["windows"].query("abs(n_i) >= 0.3").dropna(subset=["ratio_std"])
-    )
-    low = beyond.query("K_r < 0.03")
-    high = beyond.query("K_r > 0.06")
+    points = made["fig8"]["windows"].query("abs(n_i) >= 0.3")
+    points = points.dropna(subset=["ratio_std"])
+    low = points.query("K_r < 0.03")
+    high = points.query("K_r > 0.06")
     # Points with more than a few late reversals.
     many = low.query("late >= 0.03 * reversed")
     if low.empty or high.empty or many.empty:
         return None
     spread = low["ratio_std"].median()
     calm = high["ratio_std"].median()
-    error = Z95 * low["ratio_std"] / np.sqrt(2 * (low["reversed"] - 1).clip(lower=1))
-    ends = low.assign(end=low["ratio_std"] + error).groupby(["n_i", "omega_xy0"])
-    tops = high.groupby(["n_i", "omega_xy0"])["ratio_std"].max()
+    # For each spin and push: the smallest scatter at small K_r, as measured and at the
+    # upper end of its interval, and the largest scatter at large K_r.
+    upper_end = low["ratio_std"] + _error_of_std(low["ratio_std"], low["reversed"])
+    scatter = low.assign(upper_end=upper_end).groupby(["n_i", "omega_xy0"])
+    largest = high.groupby(["n_i", "omega_xy0"])["ratio_std"].max()
+    # The scatter without the late runs, over that with them.
     without = many["ratio_std_prompt"] / many["ratio_std"]
     followed = many.query("followed > 0").dropna(subset=["plateau"])
     rare = many["late"] < 2 * _FEW
     checks = [
         bool(spread > 2 * calm),
-        every(ends["ratio_std"].min() > tops, ends["end"].min() > tops),
+        every(
+            scatter["ratio_std"].min() > largest, scatter["upper_end"].min() > largest
+        ),
         every(without < 0.5, rare),
         every(many["growth_late"] < 0.5, rare),
         every(followed["plateau"] > 0.9, followed["followed"] < 2 * _FEW),
@@ -311,14 +335,14 @@ def late_reversals(made: Made) -> Measured | None:
 
 def onset_of_wobbling(made: Made) -> Measured | None:
     """Measure S8: wobbling begins when other runs reverse; None: too few runs."""
-    onset = made["fig8"]["windows"]
-    points = onset.query(f"wobbling >= {_FEW} and reversed >= {_FEW}")
+    windows = made["fig8"]["windows"]
+    points = windows.query(f"wobbling >= {_FEW} and reversed >= {_FEW}")
     if points.empty:
         return None
     ratio = (points["onset_median"] / points["t_r_median"]).rename("ratio")
     few = points[["wobbling", "reversed"]].min(axis=1) < 4 * _FEW
-    slow = onset.query("K_r < 0.03 and abs(n_i) >= 0.3")
-    late = slow["onset_late"].sum() / max(1, slow["wobbling"].sum())
+    weak = windows.query("K_r < 0.03 and abs(n_i) >= 0.3")
+    late = weak["onset_late"].sum() / max(1, weak["wobbling"].sum())
     return [every(ratio.between(0.5, 2), few), every([late > 0], True)], {
         "value": ratio.median(),
         "low": ratio.min(),
@@ -333,20 +357,23 @@ def onset_of_wobbling(made: Made) -> Measured | None:
 def draw_times(tables: Tables) -> Figure:
     """Draw a panel for each of five spins and, for Fig. 6, the run of (b)."""
     values = tables["times"]
-    spin = tables.get("spin")
     # Only Fig. 6, of the unsteady direction, has a single run.
-    coefficient = "K_p"
-    direction = "u"
-    sign = "+"
-    if spin is None:
+    spin = tables.get("spin")
+    if spin is not None:
+        coefficient = "K_p"
+        direction = "u"
+        sign = "+"
+    else:
         coefficient = "K_r"
         direction = "s"
         sign = "-"
     figure = new_figure(9.2, 6.15)
     axes = list(figure.subplots(2, 3).ravel())
+    # All panels have one vertical range.
     means = values[["t_r_mean", "t_rgh_line"]].to_numpy()
     for axis, n_i in zip(axes, sorted(values["n_i"].unique(), key=abs), strict=False):
         points = values[values["n_i"] == n_i].sort_values(coefficient)
+        # The legend shows the formula once, in grey.
         axis.plot(
             [],
             [],

@@ -67,14 +67,22 @@ def spin_of_share(share, lever, creep):
 
 
 @scalar
+def slip_of_patch(n, lever, creep):
+    """Return ``x``, the speed of sliding over that at the rim of the turning patch.
+
+    ``creep`` is ``mu`` times the speed of sliding.
+    """
+    size = abs(n) + 1e-290
+    return creep * (3.0 * pi / 16.0) / (lever * size + 1e-290)
+
+
+@scalar
 def sliding_drag(u, n, lever, creep):
     """Return the torque of pivoting per normal force of a body that slides.
 
     ``creep`` is ``mu`` times the speed of sliding.
     """
-    size = abs(n) + 1e-290
-    x = creep * (3.0 * pi / 16.0) / (lever * size + 1e-290)
-    share = -lever * share_of_lever(x)
+    share = -lever * share_of_lever(slip_of_patch(n, lever, creep))
     if n < 0.0:
         share = -share
     if n == 0.0:

@@ -102,7 +102,7 @@ def cos_sin(angle):
 
 
 @scalar
-def direction(u, angle):
+def slip_direction(u, angle):
     """Return the unit vector ``e`` of a direction in the plane."""
     (x1, y1, z1), (x2, y2, z2) = axes(u)
     c, s = cos_sin(angle)
@@ -186,7 +186,7 @@ def push(contact, mu, angle):
 @scalar
 def spun(own, u, r, inertia, drag, mu, angle, normal):
     """Return ``domega/dt`` under the contact force ``normal (u - mu e)``."""
-    ex, ey, ez = direction(u, angle)
+    ex, ey, ez = slip_direction(u, angle)
     ux, uy, uz = u
     lever = cross(r, (ux - mu * ex, uy - mu * ey, uz - mu * ez))
     torque = lever[0] + drag[0], lever[1] + drag[1], lever[2] + drag[2]
@@ -311,7 +311,7 @@ def meets_singularity(contact, mu, angle):
 @scalar
 def slip_energy(u, omega, r, speed, angle):
     """Return the kinetic energy of a sliding body beyond that of a rolling one."""
-    e = direction(u, angle)
+    e = slip_direction(u, angle)
     return speed * dot(e, cross(r, omega)) + 0.5 * speed * speed
 
 

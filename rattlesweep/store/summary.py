@@ -63,7 +63,7 @@ _FRICTION = {
     for friction in (0.1, 0.2, 0.3, 0.5, 0.6)
 }
 # Times that are interpolated at the points that a refined sweep skips.
-INTERPOLATED = ("t_r", "t_r_s", "t_rgh", "t_r_error")
+INTERPOLATED_TIMES = ("t_r", "t_r_s", "t_rgh", "t_r_error")
 # Reversal times of a case from which its median and tail are found.
 MOST_KEPT = 65_536
 SENSITIVE = 1e-6  # relative error of t_r above which a run is sensitive
@@ -116,7 +116,7 @@ def count_cases(stored: Stored) -> Counts:
     nearest = np.stack([rows for _, rows in nearest_rows(stored)])
     estimates = {
         name: estimate(stored, tables.floats(runs.column(name)), nearest)
-        for name in INTERPOLATED
+        for name in INTERPOLATED_TIMES
         if name in names
     }
     points = Counts(cases, keeps_times=True)

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.arrays import Integers, scatter, take
+from rattlesweep.arrays import Integers, spread, take
 from rattlesweep.design.batches import ending_early, make_batch
 from rattlesweep.design.columns import (
     GROUPS,
@@ -107,7 +107,7 @@ def run_batch(
     if has_horizon.all():
         return _integrate(config, batch, threads, control)
     outcome = _integrate(config, take(batch, has_horizon), threads, control)
-    outcome = scatter(outcome, has_horizon)
+    outcome = spread(outcome, has_horizon)
     outcome.status[~has_horizon] = Status.NO_HORIZON
     outcome.t_end[~has_horizon] = 0.0
     return outcome

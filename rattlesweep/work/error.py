@@ -74,7 +74,7 @@ MOST_RATIO = 0.6
 
 TURN_PARTED = 5e-3  # relative difference of turns at which two runs have parted
 TURN_SLOPE = 50.0  # slope of the errors of turns
-SURE = 1e-3  # relative error below which a turn is sure, if those before it are
+SURE_TURN = 1e-3  # relative error below which a turn is sure, if those before it are
 
 # Tolerances for a given error: the first in units of it, the ratio of the next ones,
 # their number.
@@ -530,7 +530,7 @@ def _with_turns(
     returned = times[:, :1] / t_r - 1.0
     relative[:, :1] = np.maximum(to_reversal.t_r_error[:, None] / t_r, returned)
     relative = np.minimum(relative, 1.0)
-    is_sure = both_turn & (relative < SURE)
+    is_sure = both_turn & (relative < SURE_TURN)
     return replace(
         to_horizon,
         turn_errors=np.where(both_turn, relative * times, np.nan),

@@ -30,8 +30,10 @@ FITS = {
 # Kinks lower the order of all methods, so a companion must be nearly as accurate as the
 # run.
 _ROLLING = ErrorFit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
-# The begin of a slide is known to a few 1e-12 at any tolerance.
-_SLIDING = ErrorFit(slope=8.0, looser=300.0, tightest=3.5e-12)
+# Slides split the motion into smooth parts, but runs part at slides that only one has.
+_SLIDING = ErrorFit(
+    floor=0.3, near=5.0, slope=6.0, share=0.0015, power=0.9, looser=300.0
+)
 MOTION_FITS: dict[tuple[str, str], ErrorFit | None] = {
     ("paraboloid", ""): None,
     # Its large swings are harder to integrate.
@@ -43,6 +45,9 @@ MOTION_FITS: dict[tuple[str, str], ErrorFit | None] = {
     ("paraboloid", "pivoting"): ErrorFit(slope=6.0, power=0.8, looser=100.0),
     ("ellipsoid", "pivoting"): ErrorFit(slope=6.0, looser=300.0),
     ("paraboloid", "sliding"): _SLIDING,
+    ("ellipsoid", "sliding"): _SLIDING,
+    ("paraboloid", "pivoting and sliding"): _SLIDING,
+    ("ellipsoid", "pivoting and sliding"): _SLIDING,
 }
 """Constants by surface and friction, None for those of the method.
 

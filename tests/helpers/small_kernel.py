@@ -17,6 +17,15 @@ def small(name: str) -> Kernel:
     return Kernel(plus_ten, (-3,), {})
 
 
+def no_number(x: int) -> int:
+    return x + "ten"  # type: ignore[operator]
+
+
+def broken(name: str) -> Kernel:
+    """Return a kernel that Numba cannot compile."""
+    return Kernel(no_number, (-3,), {})
+
+
 def load_small() -> Any:
     """Return the compiled function."""
     return load_kernels((small, "small"))[0]

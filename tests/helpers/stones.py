@@ -5,7 +5,7 @@ import math
 import numpy as np
 import stone_oracle
 
-from rattlesweep.integrate.model import ELLIPSOID
+from rattlesweep.integrate.model import FULL_ELLIPSOID
 from rattlesweep.physics import full, stone
 from rattlesweep.physics.body import PARAMETERS, shell_dumbbell
 
@@ -55,7 +55,7 @@ def constants_of(model, body, sigma=0.0, rolling=0.0):
 def of_model(model, body, sigma, rolling):
     """Return body and coefficients without what the model does not have."""
     flat = model.name.startswith("full")
-    sigma = 0.0 if model is ELLIPSOID else sigma
+    sigma = 0.0 if model is FULL_ELLIPSOID else sigma
     rolling = rolling if model.name.endswith("rolling") else 0.0
     return body | {"c": None if flat else body["c"]}, sigma, rolling
 

@@ -12,14 +12,16 @@ import time
 import zipfile
 from pathlib import Path
 
+import compiler
 import fresh
 import numba
 import numpy as np
 import pytest
-from small_kernel import again, forget_folders, load_small
+from small_kernel import again, broken, forget_folders, load_small
 from sweeping import CONFIGS
 
 from rattlesweep.integrate import batch, compile
+from rattlesweep.lockfile import LockFile
 from rattlesweep.text import Bar, _warn_once
 
 CONFIG = CONFIGS / "quickstart.yaml"
@@ -90,11 +92,30 @@ print(json.dumps([heard, hits]))
 """
 
 
+def test_a_kernel_that_cannot_be_compiled_leaves_no_lock(place):
+    with pytest.raises(numba.TypingError):
+        compile.compile_orders([("small_kernel", "broken", ["any"])])
+    lock = LockFile(Path(f"{compile._place(broken, 'any')}.lock"))
+    assert lock.acquire(0.0)
+    lock.release()
+
+
+def test_a_compiler_that_cannot_start_does_not_hold_up_the_next_order(monkeypatch):
+    def fail():
+        raise OSError("no more processes")
+
+    monkeypatch.setattr(compiler, "_start", fail)
+    tests_own = compiler.Compiler()
+    for _ in range(2):
+        with pytest.raises(OSError, match="no more processes"):
+            tests_own.start([])
+
+
 def test_the_next_process_finds_all_parts_of_a_kernel():
     batch.threaded_kernel("dop853", "full")
     heard, hits = json.loads(python(FOUND).stdout)
     assert heard == []
-    assert {"work", "attempt", "drive"} <= hits.keys()
+    assert {"work_recipe", "attempt_recipe", "drive_recipe"} <= hits.keys()
     assert set(hits.values()) == {1}
 
 

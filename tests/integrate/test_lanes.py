@@ -12,7 +12,7 @@ import pytest
 from samples import dumbbells, mapping
 from scipy.integrate import solve_ivp
 
-from rattlesweep.integrate.batch import RECORDS, integrate
+from rattlesweep.integrate.batch import RECORDINGS, integrate
 from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.lanes.runs import MAX_ENERGY_DRIFT
@@ -196,7 +196,7 @@ def records_of(method):
     """Return all records, without tangents for RK4, whose kernel takes long to
     compile.
     """
-    return [name for name in RECORDS if method is DOP853 or name != "lyapunov"]
+    return [name for name in RECORDINGS if method is DOP853 or name != "lyapunov"]
 
 
 @both_kinds

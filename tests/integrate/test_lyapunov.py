@@ -12,7 +12,7 @@ from exact import exactly
 from mpmath import mp
 
 from rattlesweep.integrate.batch import exponents, integrate
-from rattlesweep.integrate.model import ELLIPSOID, FULL
+from rattlesweep.integrate.model import FULL, FULL_ELLIPSOID
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, steady, tangent
 
@@ -87,7 +87,7 @@ def test_tangents_of_other_models_are_refused(word):
     runs = kernels.full_batch(GH, 0.1)
     runs = replace(runs, constants=np.append(runs.constants, [[0.4]], axis=1))
     with pytest.raises(ValueError, match="tangents of ellipsoid are not known"):
-        integrate(runs, DOP853, ELLIPSOID, record={word})
+        integrate(runs, DOP853, FULL_ELLIPSOID, record={word})
 
 
 def test_tolerance_and_threads():

@@ -9,7 +9,7 @@ import oracle
 import pytest
 
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, VECTORS_PIVOTING
+from rattlesweep.integrate.model import FRICTION, FULL, FULL_ELLIPSOID, VECTORS_PIVOTING
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import pivoting, vectors
@@ -33,7 +33,7 @@ def pivoting_batch(n_i, push, lever, t_end, sigma=0.0):
 @pytest.mark.parametrize("sense", [1.0, -1.0, 0.0])
 @pytest.mark.parametrize("law", ["pivoting", "rolling_pivoting"])
 def test_equations_in_slopes_are_those_in_any_position(law, sense):
-    model = FRICTION[ELLIPSOID.name, law]
+    model = FRICTION[FULL_ELLIPSOID.name, law]
     rng = np.random.default_rng(3)
     for _ in range(30):
         y = rng.normal(scale=0.2, size=5)

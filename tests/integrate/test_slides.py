@@ -17,7 +17,7 @@ from rattlesweep.integrate.collocation import radau
 from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.lanes import slides
 from rattlesweep.integrate.lanes.lane import LANES
-from rattlesweep.integrate.model import ELLIPSOID, FULL, SLIDING, VECTORS_SLIDING
+from rattlesweep.integrate.model import FULL, FULL_ELLIPSOID, SLIDING, VECTORS_SLIDING
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, vectors
@@ -465,7 +465,7 @@ def test_a_paraboloid_beside_an_ellipsoid_keeps_its_bits(slides_too):
     runs = kernels.full_batch(GH, [0.3, 0.4, 0.3], 0.1, t_end=60.0)
     mixed = np.column_stack([runs.constants, [0.0, 0.5, 0.0]])
     beside = replace(runs, constants=mixed)
-    flat, model = FULL, ELLIPSOID
+    flat, model = FULL, FULL_ELLIPSOID
     if slides_too:
         flat, model = SLIDING["full"], SLIDING["ellipsoid"]
         runs = with_mu(runs, 0.3)

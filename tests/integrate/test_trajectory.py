@@ -22,7 +22,7 @@ from rattlesweep.design.single import Launch
 from rattlesweep.integrate import follow as follow_module
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow import Follower
-from rattlesweep.integrate.model import ELLIPSOID, FULL
+from rattlesweep.integrate.model import FULL, FULL_ELLIPSOID
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 
@@ -74,12 +74,12 @@ def test_an_ellipsoid_is_followed_once_unless_the_run_is_long(
         return call(self, rows, **options)
 
     monkeypatch.setattr(Follower, "_call", counted)
-    follower, t, y = follow(batch, model=ELLIPSOID)
+    follower, t, y = follow(batch, model=FULL_ELLIPSOID)
     stretches = -(-follower.n_steps // 50)
     assert stretches > 2
     assert begins.count(True) == begun
     assert begins.count(False) == begun * stretches
-    out = integrate(batch, DOP853, ELLIPSOID)
+    out = integrate(batch, DOP853, FULL_ELLIPSOID)
     assert np.isnan(out.t_r[0])
     assert t[-1] == out.t_end[0]
     assert y[-1].tobytes() == out.y_end[0].tobytes()

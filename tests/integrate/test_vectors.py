@@ -10,7 +10,7 @@ from stones import constants_of, random_bodies
 from sweeping import plan_of, prepared
 
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.model import ELLIPSOID, VECTORS
+from rattlesweep.integrate.model import FULL_ELLIPSOID, VECTORS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full
@@ -90,7 +90,7 @@ def test_runs_go_on_past_the_side_as_the_oracle_says():
     both = integrate(
         kernels.take(batch, rows),
         DOP853,
-        ELLIPSOID,
+        FULL_ELLIPSOID,
         record=frozenset(["reversals", "volume"]),
     )
     np.testing.assert_array_equal(both.t_r, out.t_r)

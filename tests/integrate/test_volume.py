@@ -12,7 +12,7 @@ from stones import constants_of, of_model, random_bodies
 
 import rattlesweep as rs
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, VECTORS
+from rattlesweep.integrate.model import FRICTION, FULL, FULL_ELLIPSOID, VECTORS
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, vectors
 
@@ -23,7 +23,7 @@ VOLUME = frozenset(["volume"])
 
 @pytest.mark.parametrize(
     "model",
-    [m for m in (FULL, ELLIPSOID, *FRICTION.values()) if m.volume is not None],
+    [m for m in (FULL, FULL_ELLIPSOID, *FRICTION.values()) if m.volume is not None],
     ids=lambda m: m.name,
 )
 def test_rate_is_the_trace_of_the_derivative_over_omega(model):

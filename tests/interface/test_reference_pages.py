@@ -12,6 +12,7 @@ import pytest
 from ruamel.yaml import YAML
 from sweeping import invoke
 
+import rattlesweep as rs
 from rattlesweep import quantities
 from rattlesweep.design import columns
 from rattlesweep.design.config.read import load_config, parse_config
@@ -43,6 +44,14 @@ def test_the_pages_are_current_and_old_ones_are_told(
     monkeypatch.setattr(make, "DOCS", tmp_path)
     assert make.main() == 1
     assert "run python docs/make_reference.py" in capsys.readouterr().err
+
+
+def test_the_page_on_calls_has_every_public_name():
+    """Each name of `rs` is in its table or in its list of docstrings."""
+    text = (ROOT / "docs" / "api.md").read_text()
+    listed = set(re.findall(r"^ +- (\w+)$", text, re.MULTILINE))
+    listed |= set(re.findall(r"^::: .*\.(\w+)$", text, re.MULTILINE))
+    assert {name for name in rs.__all__ if not name.startswith("_")} <= listed
 
 
 def test_every_example_is_valid(make):

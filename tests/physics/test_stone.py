@@ -7,12 +7,12 @@ from exact import exactly
 from mpmath import mp
 from stones import constants_of, of_model, random_bodies
 
-from rattlesweep.integrate.model import ELLIPSOID, FRICTION
+from rattlesweep.integrate.model import FRICTION, FULL_ELLIPSOID
 from rattlesweep.physics import full, stone
 
 # The equations with pivoting are in test_pivoting.
 SMOOTH = [model for model in FRICTION.values() if model.pivot is None]
-MODELS = [ELLIPSOID, *SMOOTH]
+MODELS = [FULL_ELLIPSOID, *SMOOTH]
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)

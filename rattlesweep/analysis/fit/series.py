@@ -33,7 +33,7 @@ EXACT = 0.02  # residuals over the noise from row to row of data without noise
 _BESIDE = (-1.8, -1.2, -0.6, 0.6, 1.2, 1.8)
 BACK = 0.3  # share of the way beside, within which a search has come back
 GLANCE = 7
-GLANCED = 2
+LOOKED_AT_CLOSELY = 2
 PROMISING = 3.0  # sum of squares of these over the least one, at most
 CLOSE_STEPS = 15
 MOST_MOVES = 2
@@ -91,7 +91,7 @@ def _neighbours(
         searches.sort(key=lambda search: search.squares)
         found = [
             minimise(problem, search.x, 1e-5, CLOSE_STEPS)
-            for search in searches[:GLANCED]
+            for search in searches[:LOOKED_AT_CLOSELY]
             if search.squares < PROMISING * best.squares
         ]
         yield from found

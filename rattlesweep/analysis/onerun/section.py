@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from rattlesweep.physics.si import Units
 
 # A run may swing faster than at its launch, so a step has at least a few pieces.
-FEWEST_PIECES = 4
-MOST_PIECES = 128
+FEWEST_PIECES_A_STEP = 4
+MOST_PIECES_A_STEP = 128
 # An extreme is searched on a grid, then on a finer one about its lowest point.  The
 # last is so fine that the value there is exact up to rounding.
 GRID = np.linspace(0.0, 1.0, 9)
@@ -240,7 +240,7 @@ class CrossingSearch:
 def _pieces(lengths: Floats, swing: float) -> tuple[Floats, Floats, Floats]:
     """Return the pieces of steps of some lengths: step, begin and end within it."""
     counts = np.ceil(lengths * swing / PIECE_ANGLE)
-    counts = counts.clip(FEWEST_PIECES, MOST_PIECES).astype(np.int64)
+    counts = counts.clip(FEWEST_PIECES_A_STEP, MOST_PIECES_A_STEP).astype(np.int64)
     which = np.repeat(np.arange(len(lengths)), counts)
     place = np.arange(len(which)) - (np.cumsum(counts) - counts)[which]
     share = place / counts[which]

@@ -90,6 +90,7 @@ class Block:
     # The coefficients from whose decay the error is estimated.
     third: Reader
     third_slip: Reader
+    fourth: Reader
     fifth: Reader
     fifth_slip: Reader
     forces: Reader  # normal forces at the stages, then margins
@@ -351,6 +352,7 @@ def block_of(model: Model) -> Block:
     last = writer.at(STAGES - 1, writer.values, count)
     last_rates = writer.at(STAGES - 1, writer.rates, n)
     third = writer.past[2]
+    fourth = writer.past[3]
     fifth = writer.past[4]
     constants = writer.at(0, writer.constants, writer.n_constants)
     begin = range(writer.start, writer.start + count)
@@ -381,6 +383,7 @@ def block_of(model: Model) -> Block:
         rates=_reader(writer.past[0], STAGES * count),
         third=_reader(third, n),
         third_slip=_reader(third + n, N_SLIP),
+        fourth=_reader(fourth, n),
         fifth=_reader(fifth, n),
         fifth_slip=_reader(fifth + n, N_SLIP),
         forces=_reader(writer.normal, 2 * STAGES),

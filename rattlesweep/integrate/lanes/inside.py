@@ -16,6 +16,7 @@ from numba import njit
 from rattlesweep.integrate.lanes.lane import (
     DIFFERENCE,
     INNER,
+    KEPT_APART,
     NEVER,
     SLIDING,
     TINY,
@@ -167,7 +168,7 @@ def is_long(lane):
 RATIO, LIFT, TURN, LIMIT, MARK = range(5)
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(fastmath=FASTMATH, **KEPT_APART)
 def excess_at(lane, beyond, share, kind, most):
     """Return by how much a function exceeds a value at a share of the step.
 

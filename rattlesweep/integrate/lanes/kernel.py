@@ -10,7 +10,7 @@ and batch.
 
 ``attempt`` is compiled for each method and model, ``slide_lanes`` for each model that
 slides, :func:`decide_closely` once for all models.  They are called by their addresses
-(``parts``).  Sweeps (:func:`work`) and
+(``parts``).  Sweeps (:func:`work_off`) and
 trajectories (`follow.record_steps`) are made of the same turns: :func:`try_step`,
 :func:`look_closer` at the lanes that are due, :func:`commit`.
 """
@@ -43,17 +43,18 @@ from rattlesweep.integrate.lanes.lane import (
     call_for_pair,
     fetch_add,
     lane_of,
+    lowest_bit,
     widest_vectors,
 )
 from rattlesweep.integrate.lanes.runs import recorded
-from rattlesweep.integrate.status import Status
-
-OK = int(Status.OK)
-NONFINITE = int(Status.NONFINITE)
-STEP_LIMIT = int(Status.STEP_LIMIT)
-STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
-AT_LIMIT = int(Status.LIMIT)
-RIM = int(Status.RIM)
+from rattlesweep.integrate.lanes.statuses import (
+    AT_LIMIT,
+    NONFINITE,
+    OK,
+    RIM,
+    STEP_LIMIT,
+    STEP_TOO_SMALL,
+)
 
 
 class Options(NamedTuple):
@@ -80,7 +81,7 @@ TURNS_PER_REPORT = 256
 
 # Step size control.  Errors are squared and in units of the tolerance. First step for a
 # tolerance of 1, and least step, in radians of the fastest swing of the spin.
-FIRST_ANGLE = 6.0
+FIRST_STEP_ANGLE = 6.0
 LEAST_ANGLE = 1e-9
 SAFETY = 0.95
 SAFETY_REJECTED = 0.85
@@ -124,8 +125,6 @@ def decide_closely(problem, w, l, max_steps, stage):
     zero of the spin), or ARRIVED (the spin is as far as awaited within the step).
     """
     lane = lane_of(problem, w, l)
-    if stage == ZEROS and lane.search == STEP and lane.accept == 0.0:
-        return reject(problem, lane, max_steps), HOLD
     if stage == ZEROS:
         move = search_zeros(lane)
     elif stage == AFTER_EVENT:
@@ -176,24 +175,27 @@ def rough_root(x):
 
 @njit(**INNER)
 def decide(problem, w, dt, max_steps):
-    """Decide on the step tried on every lane, and return how many lanes are due."""
+    """Decide on the step tried on every lane, and return which lanes are due, as bits.
+
+    Of a lane all is read before any is written (:func:`commit`).
+    """
     widest_vectors()
-    special = 0
+    bits = 0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         h = lane.h
-        accept = lane.error <= 1.0
+        error = lane.error
+        accept = error <= 1.0
+        root = 1.0
+        h_next = dt
         if problem.adaptive:
             # PI control of low gain (docs/design.md); no growth right after a
             # rejection.
-            root = rough_root(lane.error + LEAST_ERROR)
+            root = rough_root(error + LEAST_ERROR)
             ratio = SAFETY * lane.root0 / (root * root)
-            lane.root = root
             h_next = h * (1.0 if (lane.held > 0.0) & (ratio > 1.0) else ratio)
             longest = lane.h_longest
-            lane.h_next = h_next if h_next < longest else longest
-        else:
-            lane.h_next = dt
+            h_next = h_next if h_next < longest else longest
         reverses = may_reverse(h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
         if problem.model.n_tangents > 1:
             reverses &= lane.sign != 0.0
@@ -209,17 +211,20 @@ def decide(problem, w, dt, max_steps):
             | (lane.watched > 0.0)
             | (not accept)
         )
+        bits |= (1 if due else 0) << l
+        lane.h_next = h_next
+        lane.root = root
         lane.accept = 1.0 if accept else 0.0
-        lane.due = 1.0 if due else 0.0
-        special += 1 if due else 0
-    return special
+    return bits
 
 
 @njit(**INNER)
 def commit(problem, w):
     """Move all lanes to the end of the step tried, and set their next step.
 
-    No load or store is masked, as masked ones are slow with AVX2.
+    No load or store is masked, as masked ones are slow with AVX2.  All of a lane is
+    read before any of it is written: a processor lets a load wait for an earlier store
+    to an address that is the same modulo 4 KiB, as it is 16 rows further.
     """
     widest_vectors()
     runs.advance(problem, w)
@@ -227,42 +232,41 @@ def commit(problem, w):
     problem.tangents.advance(problem, w)
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
+        accept = lane.accept
+        steps = lane.steps
+        held = lane.held
+        root = lane.root
         n1 = lane.n1
-        lane.n0 = n1
         signed = lane.sign * n1
         least = lane.n_least
-        lane.n_least = (signed if signed < least else least) + 0.0
         now = lane.amplitude
         largest = lane.a_max
-        lane.a_max = (now if now > largest else largest) + 0.0
-        lane.root0 = lane.root
-        lane.watched = 0.0
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        accept = lane.accept
-        lane.steps += accept
-        lane.held *= 1.0 - accept
         rate1 = lane.rate1
-        lane.rate0 = rate1
+        rate = abs(rate1)
         recent = (1.0 - 0.1 * accept) * lane.rate_max
-        now = abs(rate1)
-        lane.rate_max = now if now > recent else recent
         # Compensated sum, so that a million steps do not add up rounding errors.
         t0 = lane.t
         part = lane.h * accept - lane.t_low
         t1 = t0 + part
-        lane.t = t1
-        lane.t_low = (t1 - t0) - part
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
         # Steps of a search stay within the step it began with; others must not pass the
         # horizon.
         h_next = lane.h_next
         searching = 1.0 if lane.search > 0.0 else 0.0
-        left = (lane.t_end - lane.t) + NEVER * searching
+        left = (lane.t_end - t1) + NEVER * searching
         kept = lane.last * searching
+        lane.steps = steps + accept
+        lane.held = held * (1.0 - accept)
+        lane.root0 = root
+        lane.n0 = n1
+        lane.n_least = (signed if signed < least else least) + 0.0
+        lane.a_max = (now if now > largest else largest) + 0.0
+        lane.rate0 = rate1
+        lane.rate_max = rate if rate > recent else recent
+        lane.t = t1
+        lane.t_low = (t1 - t0) - part
         lane.last = 1.0 if h_next >= left else kept
         lane.h = left if h_next >= left else h_next
+        lane.watched = 0.0
 
 
 @njit(**INNER)
@@ -304,9 +308,9 @@ def is_recording(recording):
     )
 
 
-@njit(**INNER)
+@njit(forceinline=True, **INNER)
 def try_step(problem, parts, w, options, recording):
-    """Try a step on every lane, decide on it, and return how many lanes are due."""
+    """Try a step on every lane, decide on it, and return which lanes are due."""
     call(parts[ATTEMPT], (problem, w, options.scale))
     if problem.limited:
         problem.modes.observe_limit(problem, w)
@@ -359,6 +363,8 @@ def search_closely(problem, parts, w, l, max_steps, recording):
     spin.
     """
     lane = lane_of(problem, w, l)
+    if lane.search == STEP and lane.accept == 0.0:
+        return reject(problem, lane, max_steps), HOLD
     if lane.search < PEAK:
         status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, ZEROS))
         goes_on = runs.goes_on(problem, recording)
@@ -408,7 +414,7 @@ def next_run(lane, shared, order, inputs):
     return False
 
 
-def work(
+def work_off(
     problem,
     thread,
     parts,
@@ -436,38 +442,37 @@ def work(
             busy += 1
     turns = 0
     while busy > 0:
-        special = try_step(problem, parts, w, options, recording)
-        if special > 0:
-            for l in range(problem.lanes):
-                lane = lane_of(problem, w, l)
-                if lane.due == 0.0:
-                    continue
-                run = int(lane.run)
-                if run < 0:
-                    lane.accept = 0.0
-                    lane.h_next = 0.0
-                    runs.hold_back(lane)
-                    continue
-                status, move = look_closer(problem, parts, w, l, max_steps, recording)
-                t = lane.t + (lane.h - lane.t_low)
-                reversal = move == REVERSED
-                ended = status != OK or reversal
-                if move == TAKE and lane.last > 0.0 and status != AT_LIMIT:
-                    t = lane.t_end
-                    ended = True
-                if move == TAKE and not ended and t >= lane.next:
-                    runs.compare_due(lane, t, run, recording)
-                    ended = runs.settled(lane, plan[run]["settled"])
-                if ended:
-                    lane.steps += 1.0
-                    runs.finish(lane, status, reversal, t, run, outputs, recording)
-                    progress[thread, COST_DONE] += plan[run]["cost"]
-                    progress[thread, ENDED] += 1.0
-                    if not next_run(lane, shared, order, inputs):
-                        busy -= 1
-                    lane.accept = 0.0
-                if lane.accept == 0.0:
-                    runs.hold_back(lane)
+        due = try_step(problem, parts, w, options, recording)
+        while due != 0:
+            l = lowest_bit(due)
+            due &= due - 1
+            lane = lane_of(problem, w, l)
+            run = int(lane.run)
+            if run < 0:
+                lane.accept = 0.0
+                lane.h_next = 0.0
+                runs.hold_back(lane)
+                continue
+            status, move = look_closer(problem, parts, w, l, max_steps, recording)
+            t = lane.t + (lane.h - lane.t_low)
+            reversal = move == REVERSED
+            ended = status != OK or reversal
+            if move == TAKE and lane.last > 0.0 and status != AT_LIMIT:
+                t = lane.t_end
+                ended = True
+            if move == TAKE and not ended and t >= lane.next:
+                runs.compare_due(lane, t, run, recording)
+                ended = runs.settled(lane, plan[run]["settled"])
+            if ended:
+                lane.steps += 1.0
+                runs.finish(lane, status, reversal, t, run, outputs, recording)
+                progress[thread, COST_DONE] += plan[run]["cost"]
+                progress[thread, ENDED] += 1.0
+                if not next_run(lane, shared, order, inputs):
+                    busy -= 1
+                lane.accept = 0.0
+            if lane.accept == 0.0:
+                runs.hold_back(lane)
         if watching:
             watch(problem, w, recording)
         commit(problem, w)

@@ -61,6 +61,9 @@ INNER |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 # They own no arrays.  Otherwise Numba counts references to each array at each call,
 # which took 3 to 5 % of the time of a kernel.
 INNER |= {"_nrt": False}
+# The same for functions that are kept :func:`apart`; without this, Numba takes over
+# from their callers that they are always inlined.
+KEPT_APART: dict[str, object] = INNER | {"forceinline": False}
 
 
 def _first_of(array, length):
@@ -139,6 +142,15 @@ def apart(context, builder, signature, args):
     """
     builder.function.attributes.add("noinline")
     return context.get_dummy_value()
+
+
+@intrinsic(
+    lambda typingctx, bits: types.int64(types.int64),
+    lambda bits: (bits & -bits).bit_length() - 1,
+)
+def lowest_bit(context, builder, signature, args):
+    """Return the place of the lowest bit of an integer that is not zero."""
+    return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
 
 @intrinsic(
@@ -312,7 +324,6 @@ class Fields:
     held: Flag  # whether it repeats a rejected one
 
     # The decision on it.
-    due: Flag  # whether the lane needs a closer look
     accept: Flag  # whether the lane takes the step
     h_next: Number  # size of the next step
     h_longest: Number  # largest size of any step
@@ -475,7 +486,7 @@ def _numbers_of(model: Model | None) -> dict[str, int]:
 # the stages, their rows use all sets of a first-level cache of 32 KiB alike.
 OF_EVERY_TURN = (
     *("t", "t_low", "t_end", "steps", "h", "error", "root", "root0", "n0", "rate0"),
-    *("n1", "rate1", "amplitude", "last", "held", "due", "accept", "h_next"),
+    *("n1", "rate1", "amplitude", "last", "held", "accept", "h_next"),
     *("h_longest", "rate_max", "sign", "n_least", "search", "watched", "a_max", "next"),
 )
 
@@ -549,7 +560,7 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class Modes:
+class ModeSet:
     """All modes of a model's bodies together, as compiled functions of any lane."""
 
     limit: Callable[..., Point]
@@ -603,7 +614,7 @@ class Problem:
         model: Model | None,
         adaptive: bool,
         lanes: int = LANES,
-        modes: Modes | None = None,
+        modes: ModeSet | None = None,
         tangents: Tangents | None = None,
         rimmed: bool = False,
         block: Any = None,

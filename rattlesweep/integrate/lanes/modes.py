@@ -35,19 +35,18 @@ from rattlesweep.integrate.lanes.lane import (
     INNER,
     ROLLING,
     Mode,
-    Modes,
+    ModeSet,
     Point,
     choice,
     lane_of,
     moved,
     widest_vectors,
 )
+from rattlesweep.integrate.lanes.statuses import AT_LIMIT, RIM
+from rattlesweep.integrate.lanes.tangents import nothing
 from rattlesweep.integrate.model import Model
-from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH, scalar
 
-AT_LIMIT = int(Status.LIMIT)
-RIM = int(Status.RIM)
 # The results of a run in any model.
 RESULT = np.dtype([*runs.RESULTS, *slides.RESULTS, *pivots.RESULTS], align=True)
 
@@ -93,7 +92,7 @@ def limit_at_rim(lane, h, y, f):
 
 
 @njit(**INNER)
-def stay(lane, status, move, recording):
+def go_on(lane, status, move, recording):
     """Return status and move; the lane goes on as it is."""
     return status, move
 
@@ -102,11 +101,6 @@ def stay(lane, status, move, recording):
 def end_at_rim(lane, status, move, recording):
     """Return status and move of a run that has no other limit but the rim."""
     return RIM if status == AT_LIMIT else status, move
-
-
-@njit(**INNER)
-def nothing(*arguments):
-    """Do nothing: a body that rolls has only its state."""
 
 
 @njit(**INNER)
@@ -129,7 +123,7 @@ def work(lane):
 
 @njit(fastmath=FASTMATH, **INNER)
 def observe(model, y, slip, constants, mu):
-    """Return what `Modes.observe` does."""
+    """Return what `ModeSet.observe` does."""
     normal, tangential = model.contact(y, constants)
     return model.energy(y, constants), normal, tangential, 0.0
 
@@ -181,10 +175,10 @@ def observe_limits(limit_of_most: Callable[..., Point]) -> Callable[..., None]:
     return observe_limit
 
 
-def modes_of(model: Model, rimmed: bool) -> Modes:
+def modes_of(model: Model, rimmed: bool) -> ModeSet:
     """Return the modes of a model's bodies."""
     limit = no_limit if model.limit is None else limit_of_model
-    change = stay
+    change = go_on
     if rimmed:
         limit = limit_at_rim
         change = end_at_rim
@@ -195,10 +189,10 @@ def modes_of(model: Model, rimmed: bool) -> Modes:
         further = (slides.SLIDING_MODE,)
     modes = (rolling, *further)
     if model.pivot is not None:
-        pivoting = pivots.modes(rolling, may_slide=bool(further))
+        pivoting = pivots.pivoting_modes(rolling, may_slide=bool(further))
         modes = (*pivoting, *further)
     observed = [mode.observe_limit for mode in modes]
-    combined = Modes(
+    combined = ModeSet(
         limit=of_mode(modes, "limit"),
         observe_limit=in_turn([observe_limits(modes[0].limit), *observed]),
         change=of_mode(modes, "change"),

@@ -22,6 +22,7 @@ from rattlesweep.integrate.lanes.inside import may_fall
 from rattlesweep.integrate.lanes.lane import (
     HELD,
     INNER,
+    KEPT_APART,
     PIVOTING,
     TINY,
     Mode,
@@ -31,12 +32,10 @@ from rattlesweep.integrate.lanes.lane import (
     moved,
     widest_vectors,
 )
-from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.lanes.statuses import AT_LIMIT, OK
 from rattlesweep.physics.full import FASTMATH, scalar
 from rattlesweep.physics.pivoting import LEAST_SPEED, spin_of_share
 
-OK = int(Status.OK)
-AT_LIMIT = int(Status.LIMIT)
 RESULTS = ("t_held", float), ("held_time", float), ("pivot_work", float)
 # By what share of the lever the limit of a rest is passed before it counts, so that
 # rounding errors do not end it at once.
@@ -76,7 +75,7 @@ def margin(lane, y):
 
 
 @scalar
-def hold_point(lane, h, y, f):
+def held_point(lane, h, y, f):
     """Return the limit of a spin that is held, positive while it is."""
     ahead = runs.DIFFERENCE / lane.swing
     now = margin(lane, y)
@@ -114,7 +113,7 @@ def observe_held(problem, w):
         return
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        end = hold_point(lane, lane.h, lane.y1, lane.f1)
+        end = held_point(lane, lane.h, lane.y1, lane.f1)
         limit = lane.limit1
         both = product(limit, end)
         is_held = lane.mode == HELD
@@ -126,7 +125,7 @@ def observe_held(problem, w):
         lane.watched += leaves
 
 
-@njit(**INNER)
+@njit(**KEPT_APART)
 def distance_from_zero(lane):
     """Return how far a lane is from the limit of the spin, as a share of its scale."""
     apart()
@@ -147,7 +146,7 @@ def sense_from_zero(lane, y):
 
 
 @njit(**INNER)
-def hold(lane, t):
+def hold_spin(lane, t):
     """Note that the spin is held from the time ``t`` on."""
     lane.t_hold = t
     lane.rate_held = lane.rate_max
@@ -193,10 +192,10 @@ def settle(lane, y, t):
         sense = sense_from_zero(lane, y)
     set_sense(lane, sense)
     if sense == 0.0:
-        hold(lane, t)
+        hold_spin(lane, t)
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(fastmath=FASTMATH, **KEPT_APART)
 def leave_zero(lane, t):
     """Let the spin go on from zero at the end of the step; return its sense."""
     apart()
@@ -209,7 +208,7 @@ def leave_zero(lane, t):
     set_sense(lane, sense)
     give_slack(lane, lane.y1)
     if sense == 0.0:
-        hold(lane, t)
+        hold_spin(lane, t)
     runs.jump(lane)
     begin = lane.limit1
     # At the end of a rest the rate of the spin is a rounding error, too.
@@ -233,7 +232,7 @@ def store(lane, t, result):
 
 
 def preparing(base_prepare: Callable[..., None]) -> Callable[..., None]:
-    """Return `Modes.prepare` of a model with the torque, from that without it."""
+    """Return `ModeSet.prepare` of a model with the torque, from that without it."""
 
     @njit(**INNER)
     def prepare(lane, constants, rate):
@@ -246,7 +245,7 @@ def preparing(base_prepare: Callable[..., None]) -> Callable[..., None]:
 
 
 def observing(base_observe: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `Modes.observe` of a model with the torque, from that without it."""
+    """Return `ModeSet.observe` of a model with the torque, from that without it."""
 
     @njit(fastmath=FASTMATH, **INNER)
     def observe(model, y, slip, constants, mu):
@@ -258,7 +257,7 @@ def observing(base_observe: Callable[..., Any]) -> Callable[..., Any]:
     return observe
 
 
-def modes(rolling: Mode, *, may_slide: bool) -> tuple[Mode, Mode]:
+def pivoting_modes(rolling: Mode, *, may_slide: bool) -> tuple[Mode, Mode]:
     """Return the modes of a body with the torque that rolls: PIVOTING and HELD.
 
     ``rolling`` is the mode of the body without it.
@@ -273,9 +272,9 @@ def modes(rolling: Mode, *, may_slide: bool) -> tuple[Mode, Mode]:
 
     @scalar
     def limit_held(lane, h, y, f):
-        return product(rolling_limit(lane, h, y, f), hold_point(lane, h, y, f))
+        return product(rolling_limit(lane, h, y, f), held_point(lane, h, y, f))
 
-    @njit(**INNER)
+    @njit(**KEPT_APART)
     def change(lane, status, move, recording):
         apart()
         t = lane.t + (lane.h - lane.t_low)

@@ -27,7 +27,13 @@ from rattlesweep.integrate.lanes.lane import (
     widest_vectors,
 )
 from rattlesweep.integrate.lanes.marks import MARKS, value_of
-from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.lanes.statuses import (
+    AT_LIMIT,
+    ENERGY_OFF,
+    NONFINITE,
+    OK,
+    RIM,
+)
 from rattlesweep.physics.full import FASTMATH, scalar
 
 # The arrays that a kernel reads and writes have one row for each run.
@@ -121,11 +127,6 @@ class Outputs(NamedTuple):
     y_end: Floats
 
 
-OK = int(Status.OK)
-NONFINITE = int(Status.NONFINITE)
-ENERGY = int(Status.ENERGY)
-AT_LIMIT = int(Status.LIMIT)
-RIM = int(Status.RIM)
 MAX_ENERGY_DRIFT = 0.01
 # Least squared amplitude that counts, as a share of the first: a mode that has decayed
 # by 1e-9 is lost in the rounding errors of the other.
@@ -158,7 +159,7 @@ def derive(lane):
 
 
 @njit(**INNER)
-def compare(lane):
+def compare_amplitudes(lane):
     """Compare the largest amplitude since the last comparison with those before."""
     largest = max(lane.a_max, lane.a_floor, TINY)
     if lane.compared > 0.0:
@@ -176,7 +177,7 @@ def compare(lane):
 @njit(**INNER)
 def close_window(lane, run, recording):
     """Compare amplitudes, store the window if it is recorded, and open the next one."""
-    compare(lane)
+    compare_amplitudes(lane)
     k = int(lane.window_no)
     if recorded(recording.windows) and k < N_WINDOWS:
         recording.windows[run, k, 0] = sqrt(lane.window_a_max)
@@ -203,7 +204,7 @@ def compare_due(lane, t, run, recording):
     include_end(lane)
     while t >= lane.next:
         if lane.comparison < lane.window_end:
-            compare(lane)
+            compare_amplitudes(lane)
             lane.comparison *= 2.0
         else:
             close_window(lane, run, recording)
@@ -261,8 +262,10 @@ def observe_contact(problem, w):
         )
         angle = lane.h * lane.swing
         # Where the normal force is negative, the ratio has poles.  What the tangential
-        # force exceeds has none.
-        largest = lane.ratio_max
+        # force exceeds has none; its peak is that of the ratio if no end is higher.
+        recorded_most = lane.ratio_max
+        at_end = ratio.value
+        largest = at_end if at_end > recorded_most else recorded_most
         start = excess_of(lane.ratio0, lane.lift0, largest)
         end = excess_of(ratio, lift, largest)
         seen = inside.glance(start, tangential - largest * abs(normal), end, angle)
@@ -297,9 +300,10 @@ def follow_contact(problem, w):
         if not is_followed(lane) or lane.mode == SLIDING:
             continue
         beyond = inside.rates_beyond(lane)
+        largest = max(lane.ratio_max, lane.ratio1.value)
         lane.ratio_peak = inside.peak_if(
             lane.lift0.value < 0.0 and lane.lift1.value < 0.0,
-            inside.follow(lane, beyond, inside.RATIO, lane.ratio_max),
+            inside.follow(lane, beyond, inside.RATIO, largest),
         )
         lane.lift_peak = inside.follow(lane, beyond, inside.LIFT, -lane.normal_min)
         if lane.ratio_peak.h > 0.0 or lane.lift_peak.h > 0.0:
@@ -601,7 +605,7 @@ def finish(lane, status, reversal, t, run, outputs, recording):
     energy0 = lane.energy0
     drift = (lane.problem.modes.energy(lane) - energy0) / energy0
     if status in (OK, AT_LIMIT, RIM) and not abs(drift) <= MAX_ENERGY_DRIFT:
-        status = ENERGY if isfinite(drift) else NONFINITE
+        status = ENERGY_OFF if isfinite(drift) else NONFINITE
     n = lane.n1
     include_end(lane)
     if t - lane.window_no * lane.window > 0.9 * lane.window:
@@ -610,7 +614,7 @@ def finish(lane, status, reversal, t, run, outputs, recording):
     if recorded(recording.reversals):
         note_turn(lane, recording.reversals)
     # A failure after the first zero leaves it valid, unless the energy has drifted.
-    if goes_on(lane.problem, recording) and lane.t_zero > 0.0 and status != ENERGY:
+    if goes_on(lane.problem, recording) and lane.t_zero > 0.0 and status != ENERGY_OFF:
         t_r = lane.t_zero
     if recorded(recording.energy):
         recording.energy[run, 0, 0] = max(lane.drift_max, abs(drift))
@@ -646,8 +650,10 @@ def advance(problem, w):
     widest_vectors()
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        lane.y = lane.y1
-        lane.f = lane.f1
+        y = lane.y1
+        f = lane.f1
+        lane.y = y
+        lane.f = f
 
 
 @njit(**INNER)

@@ -54,6 +54,7 @@ from rattlesweep.integrate.lanes.motion import (
 )
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH, scalar
+from rattlesweep.physics.pivoting import slip_of_patch
 from rattlesweep.physics.sliding import (
     TWO_PI,
     meets_singularity,
@@ -99,6 +100,13 @@ SETTLED = 1e-15
 LEAST_LEFT = 0.01
 MOST_LEFT = 0.3
 FIRST_ANGLE = 0.1  # first step of a slide, in radians of the fastest swing
+# Error of a step across the kink of the patch's torque, over this torque and the 2.5th
+# power of the step's width, as found for all places of the kink in a step.
+KINK = 1e-3
+MOST_WIDTH = 6.0
+# Errors of other steps are mostly far below the tolerance; so much smaller must be that
+# of the spin, for errors to be proportional to the tolerance.
+SPIN_WEIGHT = 30.0
 # From the start of the last step, in its size: how far its rates say what follows.
 MOST_AHEAD = 2.5
 # Height left below the rim, in a, at which a zero of the limit is that of the rim.
@@ -131,7 +139,7 @@ def motion_of(lane, y, slip):
 
 
 @njit(**INNER)
-def load(lane, z, column, scale):
+def load_column(lane, z, column, scale):
     """Copy the start of a step to a column, and what the last step tells."""
     slip = lane.slip
     _, size = lane.problem.model.error(lane.y, lane.y, lane.constants)
@@ -273,15 +281,44 @@ def squared_error(lane, z, column, scale):
     step falls as ``rho^9``; this returns ``rho^8``.
     """
     block = lane.problem.block
-    error = lane.problem.model.error
+    model = lane.problem.model
     speed = lane.slip1.speed
-    high, size = error(block.fifth(z, column), lane.y1, lane.constants)
+    high, size = model.error(block.fifth(z, column), lane.y1, lane.constants)
     high += squared_slip(Slip(*block.fifth_slip(z, column)), speed)
-    low, _ = error(block.third(z, column), lane.y1, lane.constants)
+    low, _ = model.error(block.third(z, column), lane.y1, lane.constants)
     low += squared_slip(Slip(*block.third_slip(z, column)), speed)
     fall = high / (low + TINY)
-    high *= lane.h * lane.h
-    return high * fall * fall / max(size / scale, squared_rounding(lane))
+    error = high * fall * fall
+    if model.pivot is not None:
+        error += squared_error_of_spin(lane, z, column)
+    return error * lane.h * lane.h / max(size / scale, squared_rounding(lane))
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def squared_error_of_spin(lane, z, column):
+    """Return the square of the error of the spin in a step of size 1.
+
+    The torque of the patch falls fast as the slide begins, and its coefficients may be
+    small by chance.  Where the sliding is as fast as the patch turns at its rim, the
+    torque has only two derivatives, so the error is of the order 2.5 there.
+    """
+    block = lane.problem.block
+    model = lane.problem.model
+    third = model.spin_rate(lane.y1, block.third(z, column)) ** 2
+    fourth = model.spin_rate(lane.y1, block.fourth(z, column)) ** 2
+    fifth = model.spin_rate(lane.y1, block.fifth(z, column)) ** 2
+    fall = fifth / (fourth + TINY)
+    fall = min(1.0, max(fifth / (third + TINY), fall * fall))
+    error = fifth * fall * fall
+    lever = lane.constants[-2]
+    before = slip_of_patch(model.spin(lane.y), lever, lane.mu * lane.slip.speed)
+    after = slip_of_patch(model.spin(lane.y1), lever, lane.mu * lane.slip1.speed)
+    if (before < 1.0) != (after < 1.0):
+        width = min(MOST_WIDTH, abs(after - before))
+        normal = block.forces(z, column)[STAGES - 1]
+        torque = KINK * width * width * sqrt(width) * lever * normal
+        error += (torque / lane.constants[2]) ** 2
+    return SPIN_WEIGHT * SPIN_WEIGHT * error
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -441,7 +478,7 @@ def end_or_load(lane, z, column, scale, contact_recorded):
 
     Otherwise the slide ends with it, or is jammed.
     """
-    load(lane, z, column, scale)
+    load_column(lane, z, column, scale)
     rest = time_to_rest(lane, z, column)
     angle = rest * lane.swing
     ends = angle < LAST_ANGLE
@@ -697,7 +734,7 @@ def slide_point(lane, h, y, f):
     return lane.limit1
 
 
-# What differs from bodies that always roll: see `lane.Modes`.
+# What differs from bodies that always roll: see `lane.ModeSet`.
 
 
 @njit(**INNER)
@@ -783,7 +820,7 @@ def store(lane, t, result):
 
 @njit(fastmath=FASTMATH, **INNER)
 def observe_body(model, y, slip, constants, mu):
-    """Return what `Modes.observe` does."""
+    """Return what `ModeSet.observe` does."""
     torque = 0.0
     if slip.speed > 0.0:
         normal, tangential, torque = force_of(model, y, slip, constants, mu)

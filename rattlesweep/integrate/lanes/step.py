@@ -21,7 +21,7 @@ from rattlesweep.physics.full import FASTMATH
 SUBSTEPS = 8  # steps of a fixed-step method between two decisions on the lanes
 OPTIONS: dict[str, object] = {"fastmath": FASTMATH} | INNER
 OPTIONS |= {"no_cpython_wrapper": False}
-HEAD = '''"""One step of {tableau.name} for the model {model.name}, from lanes.step."""
+ATTEMPT_HEAD = '''"""A step of {tableau.name} for {model.name}, from lanes.step."""
 
 from rattlesweep.integrate.lanes.lane import (
     barrier, gather, lane_of, scatter, sums, widest_vectors,
@@ -63,7 +63,7 @@ class _Attempt:
             total = " + ".join(f"f[{c}]" for c in range(model.n_state))
             error = f"lane.error = 0.0 * ({total})"
             self.loop("y = lane.y1", "f = lane.f1", *SEEN, error)
-        head = HEAD.format(tableau=tableau, model=model)
+        head = ATTEMPT_HEAD.format(tableau=tableau, model=model)
         self.source = "\n".join([head, *self.cells, "", "", *self.lines, ""])
 
     def step(self, y: int, f: int, v: int, g: int, share: float) -> None:

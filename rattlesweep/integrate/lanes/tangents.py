@@ -169,16 +169,16 @@ def note_frame(lane, t, run, k, growths):
 
 @njit(**INNER)
 def nothing(*arguments):
-    """Do nothing: the run has no tangents."""
+    """Do nothing, for a run without tangents or a body that only rolls."""
 
 
 NONE = Tangents(nothing, nothing, nothing)
-TANGENT = Tangents(start_tangent, advance_tangent, note_tangent)
-FRAME = Tangents(start_frame, advance_frame, note_frame)
+ONE_TANGENT = Tangents(start_tangent, advance_tangent, note_tangent)
+FRAME_OF_TANGENTS = Tangents(start_frame, advance_frame, note_frame)
 
 
 def tangents_of(model: Model) -> Tangents:
     """Return the functions for the tangents of a model."""
     if model.n_tangents == 0:
         return NONE
-    return TANGENT if model.n_tangents == 1 else FRAME
+    return ONE_TANGENT if model.n_tangents == 1 else FRAME_OF_TANGENTS

@@ -1,0 +1,47 @@
+"""A public name stands for one thing in the whole package, or for the same thing."""
+
+import ast
+from collections import defaultdict
+
+from sweeping import CONFIGS
+
+PACKAGE = CONFIGS.parent / "rattlesweep"
+# Names that stand in two modules or more, and why each is one thing.
+SAME = {
+    "a command and its call in Python": """
+        classify compare export fit merge replay sensitivity show status trajectory
+        verdict verify
+    """,
+    "a formula for numbers and for bodies": "bondi_threshold growth_rates modes",
+    "the same quantity in other variables": """
+        CONSTANTS N_EXTRA N_STATE contact_force energy rhs spin track
+    """,
+    "a tangent, and each tangent of a frame": "rate seed transverse",
+    "what a mode does there": "RESULTS advance hold_back observe settle store work",
+    "a number that compiled functions share": """
+        AT_LIMIT JAMMED LIFTS_OFF METHOD OK RIM STEP_TOO_SMALL TINY
+    """,
+}
+
+
+def test_a_public_name_means_one_thing():
+    modules = defaultdict(set)
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.parse(path.read_text("utf-8")).body:
+            for name in _defined(node):
+                if not name.startswith("_"):
+                    modules[name].add(path.relative_to(PACKAGE).as_posix())
+    doubled = {name: sorted(where) for name, where in modules.items() if len(where) > 1}
+    known = {name for names in SAME.values() for name in names.split()}
+    assert {name: doubled[name] for name in doubled.keys() - known} == {}
+
+
+def _defined(node: ast.stmt) -> list[str]:
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        return [node.name]
+    targets: list[ast.expr] = []
+    if isinstance(node, ast.Assign):
+        targets = node.targets
+    elif isinstance(node, ast.AnnAssign):
+        targets = [node.target]
+    return [target.id for target in targets if isinstance(target, ast.Name)]
