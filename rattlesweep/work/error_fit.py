@@ -34,6 +34,8 @@ _ROLLING = ErrorFit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
 _SLIDING = ErrorFit(
     floor=0.3, near=5.0, slope=6.0, share=0.0015, power=0.9, looser=300.0
 )
+# Where the patch of contact begins to slide, errors have any sign.
+_PIVOTING_SLIDING = ErrorFit(floor=0.85, near=0.0, slope=12.0, power=0.95, looser=100.0)
 MOTION_FITS: dict[tuple[str, str], ErrorFit | None] = {
     ("paraboloid", ""): None,
     # Its large swings are harder to integrate.
@@ -46,8 +48,7 @@ MOTION_FITS: dict[tuple[str, str], ErrorFit | None] = {
     ("ellipsoid", "pivoting"): ErrorFit(slope=6.0, looser=300.0),
     ("paraboloid", "sliding"): _SLIDING,
     ("ellipsoid", "sliding"): _SLIDING,
-    ("paraboloid", "pivoting and sliding"): _SLIDING,
-    ("ellipsoid", "pivoting and sliding"): _SLIDING,
+    ("paraboloid", "pivoting and sliding"): _PIVOTING_SLIDING,
 }
 """Constants by surface and friction, None for those of the method.
 
@@ -72,11 +73,23 @@ def fit_of(config: Config) -> ErrorFit:
         parts.append("sliding")
     friction = " and ".join(parts)
     if (surface, friction) not in MOTION_FITS:
-        what = surface
-        if friction:
-            what = f"{surface} with {' and '.join(losses.present)}"
-        raise ConfigError(
-            f"record: errors are not calibrated for {what}; leave out error and "
-            "accuracy"
-        )
+        raise ConfigError(_refusal(config))
     return MOTION_FITS[surface, friction] or FITS[method]
+
+
+def _refusal(config: Config) -> str:
+    """Say that there are no constants for the surface and the friction of a sweep."""
+    names = [name for name in config.dissipation.present if name != "sigma"]
+    friction = " and ".join(names)
+    key = "record"
+    asked = "error"
+    if config.integrator.goal is not None:
+        key = "integrator.accuracy"
+        asked = "accuracy"
+    what = config.bodies.bottom
+    leave_out = asked
+    if names:
+        what += f" with {friction}"
+    if len(names) > 1:
+        leave_out += f", or one of {friction}"
+    return f"{key}: errors are not calibrated for {what}; leave out {leave_out}"

@@ -9,10 +9,11 @@ rest.  Equations are numbered as in the paper.
 import math
 from collections.abc import Mapping
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import DOP853, solve_ivp
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 
 GH = {
     "alpha": 13.04,
@@ -301,3 +302,44 @@ def jacobian_spin(body, n):
 def reduced_C_I(y, K_p, K_r):
     """Return the Casimir invariant, Eq. 51."""
     return math.log(y[1]) / K_p + math.log(y[2]) / K_r
+
+
+def extremes_of_contact(body, y0, t_end, samples=16):
+    """Return the largest ratio of the contact forces, and the least normal force.
+
+    Each is sought in the dense solution around its extreme sample, and evaluated in a
+    state that is integrated to that time.
+    """
+
+    def solve(y, t, **options):
+        return solve_ivp(
+            rhs, (0.0, t), y, "DOP853", args=(body,), rtol=1e-13, atol=1e-15, **options
+        )
+
+    solved = solve(y0, t_end, dense_output=True)
+    times = np.unique(
+        np.concatenate([np.linspace(*pair, samples) for pair in pairwise(solved.t)])
+    )
+
+    def ratio(y):
+        normal, tangential = force_components(y, body)
+        return -tangential / normal
+
+    def normal(y):
+        return force_components(y, body)[0]
+
+    found = []
+    for function in (ratio, normal):
+        values = np.array([function(y) for y in solved.sol(times).T])
+        k = int(np.clip(values.argmin(), 1, len(times) - 2))
+        best = minimize_scalar(
+            lambda t, function=function: function(solved.sol(t)),
+            bounds=(times[k - 1], times[k + 1]),
+            method="bounded",
+            options={"xatol": 1e-10},
+        )
+        step = int(np.searchsorted(solved.t, best.x)) - 1
+        begin = solved.t[step]
+        state = solve(solved.y[:, step], best.x - begin).y[:, -1]
+        found.append(min(values[[0, -1]].min(), function(state)))
+    return -found[0], found[1]

@@ -43,7 +43,8 @@ def _every_operation(problem, w, shared, address):
     spin = problem.model.spin(lane.y)
     before = lanes.fetch_add(shared, 0, 3)
     pair = lanes.call_for_pair(address, (before, 6))
-    return read(w, 1), lane.lo, spin, pair, problem.lanes, problem.idle
+    place = lanes.lowest_bit(before + 3)
+    return read(w, 1), lane.lo, spin, pair, place, problem.lanes, problem.idle
 
 
 def test_every_operation_is_that_of_its_python_twin():
@@ -53,7 +54,9 @@ def test_every_operation_is_that_of_its_python_twin():
     w = start.copy()
     shared = np.array([5])
     compiled = njit(error_model="numpy")(_every_operation)
-    values, point, spin, numbers, width, idle = compiled(PROBLEM, w, shared, address)
+    values, point, spin, numbers, place, width, idle = compiled(
+        PROBLEM, w, shared, address
+    )
     lane = Lane(PROBLEM, w, 1)
     y = np.arange(1.0, 6.0)
     assert lane.y == tuple(y)
@@ -63,6 +66,7 @@ def test_every_operation_is_that_of_its_python_twin():
     assert spin == FULL.spin(y)
     assert shared == [8]
     assert numbers == (11, 30)
+    assert place == 3
     assert (width, idle) == (WIDTH, PROBLEM.idle)
     step = y + 0.5 * 0.25 * (2 * 1.25 * y + 3 * 1.25 * y)
     assert values[: FULL.n_state] == pytest.approx(step)

@@ -51,7 +51,7 @@ def batch_of(cases, model):
     "model", ["full", "ellipsoid", pytest.param("full_viscous", marks=pytest.mark.slow)]
 )
 def test_runs_are_those_of_the_oracle(model):
-    """The worst differences at the default tolerance are far below 1e-6."""
+    """The worst differences are those of docs/design.md."""
     cases = [
         case
         for case in CASES
@@ -64,14 +64,14 @@ def test_runs_are_those_of_the_oracle(model):
         assert out.status[k] == Status.OK
         assert out.n_slides[k] == result["n_slides"]
         t_r = np.nan if result["t_r"] is None else result["t_r"]
-        assert out.t_r[k] == pytest.approx(t_r, rel=1e-8, nan_ok=True)
-        assert out.t_end[k] == pytest.approx(result["t_end"], rel=1e-8)
+        assert out.t_r[k] == pytest.approx(t_r, rel=1e-10, nan_ok=True)
+        assert out.t_end[k] == pytest.approx(result["t_end"], rel=1e-10)
         if result["n_slides"]:
-            assert out.t_slide[k] == pytest.approx(result["t_slide"], abs=1e-6)
+            assert out.t_slide[k] == pytest.approx(result["t_slide"], abs=1e-7)
         else:
             assert np.isnan(out.t_slide[k])
-        assert out.slide_time[k] == pytest.approx(result["slide_time"], abs=1e-6)
-        assert out.slide_work[k] == pytest.approx(result["slide_work"], abs=1e-8)
+        assert out.slide_time[k] == pytest.approx(result["slide_time"], abs=1e-7)
+        assert out.slide_work[k] == pytest.approx(result["slide_work"], abs=2e-9)
 
 
 @pytest.mark.parametrize(("tol", "error"), [(1e-9, 2e-9), (1e-11, 2e-11)])

@@ -290,7 +290,9 @@ def true_and_estimated(config: dict[str, Any], tol: float) -> pd.DataFrame:
     return pd.DataFrame({"off": off, "told": told})[is_known]
 
 
-@pytest.mark.parametrize("losses", [{"pivot": 1e-3}, {"mu": 0.3}])
+@pytest.mark.parametrize(
+    "losses", [{"pivot": 1e-3}, {"mu": 0.3}, {"mu": 0.3, "pivot": 1e-3}]
+)
 def test_errors_with_pivoting_and_with_slides_are_within_their_estimates(losses):
     config = friction_runs(losses, 2, 11)
     errors = true_and_estimated(config | {"horizon": {"t_rgh": 5, "t": 300}}, 1e-9)
@@ -313,17 +315,37 @@ def test_a_spin_released_from_rest_leaves_to_one_side(tol):
     assert outcome.held_time == pytest.approx([0.152755], rel=1e-4)
 
 
+def test_slides_with_pivoting_are_as_exact_as_the_tolerance():
+    """64 slides; steps over the kink of the torque gave an error of 2.4e-7."""
+    losses = {"mu": [0.1, 0.3, 1.0], "pivot": [5e-4, 2e-3]}
+    times = []
+    for tol in (1e-9, 1e-12):
+        config = friction_runs(losses, 25, 21) | {"integrator": {"tol": tol}}
+        plan = sweeping.plan_of(config)
+        _, batch = prepare_runs(plan, np.array([9]), np.array([24]))
+        assert batch is not None
+        outcome = run_batch(plan.config, batch)
+        assert outcome.n_slides.tolist() == [64]
+        times.append(outcome.t_r[0])
+    assert times[0] == pytest.approx(times[1], rel=1e-8)
+
+
+ELLIPSOID = {"c": [1.0, 3.0]}
+PIVOT = {"pivot": [5e-4, 2e-3]}
+MU = {"mu": [0.1, 0.3, 1.0]}
+# Surface, friction and samples of a thousand runs that reverse.
+COMBINATIONS = [
+    pytest.param({}, PIVOT, 68, id="pivot"),
+    pytest.param(ELLIPSOID, PIVOT, 68, id="ellipsoid-pivot"),
+    pytest.param({}, MU, 46, id="mu"),
+    pytest.param(ELLIPSOID, MU, 46, id="ellipsoid-mu"),
+    pytest.param({}, MU | PIVOT, 23, id="mu-pivot"),
+]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("surface", "losses", "samples", "tol"),
-    [
-        ({}, {"pivot": [5e-4, 2e-3]}, 68, 1e-9),
-        ({}, {"pivot": [5e-4, 2e-3]}, 68, 1e-6),
-        ({}, {"mu": [0.1, 0.3, 1]}, 46, 1e-9),
-        ({"c": [1.0, 3.0]}, {"pivot": [5e-4, 2e-3]}, 68, 1e-9),
-        ({"c": [1.0, 3.0]}, {"pivot": [5e-4, 2e-3]}, 68, 1e-6),
-    ],
-)
+@pytest.mark.parametrize("tol", [1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize(("surface", "losses", "samples"), COMBINATIONS)
 def test_errors_of_a_thousand_runs_with_friction(surface, losses, samples, tol):
     """Bodies of a seed that the calibration did not see."""
     config = friction_runs(losses, samples, 7)
@@ -333,6 +355,21 @@ def test_errors_of_a_thousand_runs_with_friction(surface, losses, samples, tol):
     assert (errors["off"] <= errors["told"]).mean() >= 0.995
     over = errors["told"] / errors["off"].clip(lower=1e-16)
     assert over.median() < 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("surface", "losses", "samples"), COMBINATIONS)
+def test_goals_with_friction_are_met_or_missed_openly(surface, losses, samples):
+    config = friction_runs(losses, samples // 5, 13)
+    config["bodies"] |= surface
+    rows = rows_computed(config | {"integrator": {"accuracy": {"t_r": 1e-6}}})
+    true = rows_computed(config | {"integrator": {"tol": 1e-13}})
+    reverses = rows["t_r"].notna()
+    off = (rows["t_r"] / true["t_r"] - 1).abs().fillna(1.0)[reverses]
+    is_marked = (rows["t_r_error"] > 1e-6 * rows["t_r"])[reverses]
+    assert len(off) > 150
+    assert (off[~is_marked] <= 1e-6).all()
+    assert is_marked.mean() < 0.05
 
 
 def swinging_plan(folder: Path, size: int, seed: int, integrator: Any) -> Plan:
@@ -415,15 +452,21 @@ def test_every_method_has_constants_and_another_one_is_refused():
     [
         ({}, {"pivot": 1e-3, "rolling": 1e-3}, "paraboloid with rolling and pivot"),
         ({}, {"mu": 0.3, "rolling": 1e-3}, "paraboloid with rolling and mu"),
-        ({}, {"mu": 0.3, "pivot": 1e-3}, "paraboloid with pivot and mu"),
-        ({"c": 1.0}, {"mu": 0.3}, "ellipsoid with mu"),
+        ({"c": 1.0}, {"mu": 0.3, "rolling": 1e-3}, "ellipsoid with rolling and mu"),
+        ({"c": 1.0}, {"mu": 0.3, "pivot": 1e-3}, "ellipsoid with pivot and mu"),
     ],
 )
 def test_friction_without_calibrated_errors_is_refused(surface, losses, message):
-    config = friction_runs(losses, 1, 1) | {"record": ["error"]}
-    config["bodies"] |= surface
-    with pytest.raises(ConfigError, match=f"not calibrated for {message};"):
-        error_fit.fit_of(sweeping.plan_of(config).config)
+    asked = {
+        "record: ": {"record": ["error"]},
+        "integrator.accuracy: ": {"integrator": {"accuracy": {"t_r": 1e-6}}},
+    }
+    for key, keys in asked.items():
+        config = friction_runs(losses, 1, 1) | keys
+        config["bodies"] |= surface
+        words = f"{key}errors are not calibrated for {message}; leave out"
+        with pytest.raises(ConfigError, match=words):
+            error_fit.fit_of(sweeping.plan_of(config).config)
 
 
 @pytest.mark.slow

@@ -18,12 +18,9 @@ from rattlesweep.integrate.lanes.lane import (
     INNER,
     KEPT_APART,
     NEVER,
-    SLIDING,
     TINY,
     Peak,
     Point,
-    apart,
-    lane_of,
     moved,
 )
 from rattlesweep.integrate.lanes.marks import value_of
@@ -32,15 +29,17 @@ from rattlesweep.physics.full import FASTMATH, scalar
 # The longest step of which a glance at the middle tells enough, in radians of the
 # fastest swing.
 GLANCED = 5.0
-# Error of a glance at a step of 1 rad, as a share of the spread of the values; it grows
-# with the fourth power of the step.
-SLACK = 5e-4
+# Errors of a glance at a step of 1 rad, as shares of the spread of the values: that of
+# the state in the middle grows with the square of the step, that of the quartic with
+# the fourth power.
+SLACK_OF_STATE = 5e-3
+SLACK_OF_QUARTIC = 5e-4
+OF_BUMP = 0.5 / 16.0
+NEAR_END = 1e-3  # a peak nearer to an end of the step is first sought there
 FINE = 1e-8  # smallest relative excess over the largest value so far that counts
 LEAST = 1e-15  # the same, absolute: a rounding error
-# A limit is only looked at in the middle of steps longer than this, in radians of the
-# fastest swing; in others the cubic through both ends is right to such a share of what
-# it rises above them.
-SURE = 2.0
+# The cubic through both ends of a step of no great length is right to such a share of
+# what it rises above them.
 CUBIC_SLACK = 0.2
 # A function that is followed is looked at in such distances, in radians of the swing.
 SPACING = 0.5
@@ -129,20 +128,25 @@ def glance(start, half, end, angle):
         low = value if value < low else low
         share = t if value > top else share
         top = value if value > top else top
-    t = share
-    slope = rise + t * (2.0 * square + t * (3.0 * cubic + t * 4.0 * bump))
-    bend = 2.0 * square + t * (6.0 * cubic + t * 12.0 * bump)
-    bend = bend if bend < -TINY else -TINY
-    move = -slope / bend
-    move = move if move < 0.125 else 0.125
-    move = move if move > -0.125 else -0.125
-    place = t + move
-    is_inside = (place > 0.0) & (place < 1.0)
-    top += 0.5 * slope * move
+    for _ in range(2):
+        t = share
+        slope = rise + t * (2.0 * square + t * (3.0 * cubic + t * 4.0 * bump))
+        bend = 2.0 * square + t * (6.0 * cubic + t * 12.0 * bump)
+        bend = bend if bend < -TINY else -TINY
+        move = -slope / bend
+        move = move if move < 0.125 else 0.125
+        move = move if move > -0.125 else -0.125
+        top += 0.5 * slope * move
+        share = t + move
+    peaks = (share > 0.0) | (rise > 0.0)
+    peaks &= (share < 1.0) | (fall < 0.0)
+    share = share if share > NEAR_END else NEAR_END
+    share = share if share < 1.0 - NEAR_END else 1.0 - NEAR_END
     square_angle = angle * angle
-    bound = top + SLACK * square_angle * square_angle * (top - low)
+    slack = square_angle * (SLACK_OF_STATE + SLACK_OF_QUARTIC * square_angle)
+    bound = top + slack * (top - low) + OF_BUMP * abs(bump)
     bend /= length * length + TINY
-    return Peak(place * length, bound if is_inside else -NEVER, bend)
+    return Peak(share * length, bound if peaks else -NEVER, bend)
 
 
 @scalar
@@ -165,7 +169,7 @@ def is_long(lane):
 
 # Functions that are followed through a long step.
 
-RATIO, LIFT, TURN, LIMIT, MARK = range(5)
+RATIO, LIFT, TURN, MARK = range(4)
 
 
 @njit(fastmath=FASTMATH, **KEPT_APART)
@@ -174,14 +178,10 @@ def excess_at(lane, beyond, share, kind, most):
 
     The functions are the tangential force less a multiple of the normal force, the
     normal force with a minus sign, the spin with the sign that it has at the end, and
-    with a minus sign the limit of the lane's mode and the mark of a number.
+    with a minus sign the mark of a number.
     """
-    apart()
     model = lane.problem.model
     y = state_at(lane, beyond, share)
-    if kind == LIMIT:
-        limit = lane.problem.modes.limit(lane, 0.0, y, lane.f1)
-        return -limit.value
     if kind == MARK:
         value, _ = value_of(int(most), model.spin(y), 0.0, lane.n_launch)
         return -value
@@ -233,7 +233,7 @@ def follow(lane, beyond, kind, most):
         top + 0.5 * slope * move + unsure,
         bend / (unit * unit),
     )
-    enough = 0.0 if kind >= LIMIT else least_above(most)
+    enough = 0.0 if kind == MARK else least_above(most)
     return peak_if(seen.value > enough, seen)
 
 
@@ -248,6 +248,16 @@ def halfway(start, end):
     """Return the value of the cubic through both ends in the middle."""
     slopes = 0.125 * (end.h - start.h) * (start.rate - end.rate)
     return 0.5 * (start.value + end.value) + slopes
+
+
+@scalar
+def falls(start, half, end, angle):
+    """Return whether a positive function may fall to zero, with a glance at the middle.
+
+    The arguments are those of :func:`glance`.
+    """
+    seen = glance(turned_over(start), -half, turned_over(end), angle)
+    return (seen.value > 0.0) | may_fall(start, end) | (angle > GLANCED)
 
 
 @scalar
@@ -268,16 +278,3 @@ def may_fall(start, end):
     ends = end.value if end.value < start.value else start.value
     dips = (fall < 0.0) & (rise > 0.0)
     return (end.value <= 0.0) | (dips & (least - CUBIC_SLACK * (ends - least) < 0.0))
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def follow_limits(problem, w):
-    """Find out which long steps may end at a zero of the limit."""
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        is_due = lane.h * lane.swing > SURE and lane.leaves == 0.0
-        if not is_due or lane.mode == SLIDING or not lane.error <= 1.0:
-            continue
-        if follow(lane, rates_beyond(lane), LIMIT, 0.0).h > 0.0:
-            lane.leaves = 1.0
-            lane.watched += 1.0

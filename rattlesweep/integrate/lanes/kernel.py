@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from rattlesweep.integrate.lanes import events, inside, runs
+from rattlesweep.integrate.lanes import events, runs
 from rattlesweep.integrate.lanes.events import (
     ARRIVED,
     HOLD,
@@ -314,7 +314,6 @@ def try_step(problem, parts, w, options, recording):
     call(parts[ATTEMPT], (problem, w, options.scale))
     if problem.limited:
         problem.modes.observe_limit(problem, w)
-        inside.follow_limits(problem, w)
     if recorded(recording.contact):
         runs.observe_contact(problem, w)
     if problem.slides:

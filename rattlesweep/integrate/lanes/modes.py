@@ -29,8 +29,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from rattlesweep.integrate.lanes import pivots, runs, slides
-from rattlesweep.integrate.lanes.inside import may_fall
+from rattlesweep.integrate.lanes import inside, pivots, runs, slides
 from rattlesweep.integrate.lanes.lane import (
     INNER,
     ROLLING,
@@ -168,7 +167,9 @@ def observe_limits(limit_of_most: Callable[..., Point]) -> Callable[..., None]:
             end = limit_of_most(lane, lane.h, lane.y1, lane.f1)
             start = lane.limit0
             lane.limit1 = end
-            leaves = 1.0 if may_fall(start, end) else 0.0
+            half = limit_of_most(lane, lane.h, inside.middle(lane), lane.f1)
+            angle = lane.h * lane.swing
+            leaves = 1.0 if inside.falls(start, half.value, end, angle) else 0.0
             lane.leaves = leaves
             lane.watched += leaves
 

@@ -106,7 +106,7 @@ KINK = 1e-3
 MOST_WIDTH = 6.0
 # Errors of other steps are mostly far below the tolerance; so much smaller must be that
 # of the spin, for errors to be proportional to the tolerance.
-SPIN_WEIGHT = 30.0
+SPIN_WEIGHT = 300.0
 # From the start of the last step, in its size: how far its rates say what follows.
 MOST_AHEAD = 2.5
 # Height left below the rim, in a, at which a zero of the limit is that of the rim.
@@ -143,8 +143,12 @@ def load_column(lane, z, column, scale):
     """Copy the start of a step to a column, and what the last step tells."""
     slip = lane.slip
     _, size = lane.problem.model.error(lane.y, lane.y, lane.constants)
-    enough = max(SOLVED * SOLVED * size / scale, squared_rounding(lane))
     begins = slip.speed <= BEGINNING
+    # Near rest the direction follows from a speed that may be below the tolerance.
+    most = size / scale
+    if not begins:
+        most = min(most, slip.speed * slip.speed)
+    enough = max(SOLVED * SOLVED * most, squared_rounding(lane))
     # All tries from one start are guessed alike, so that a repeated one has its bits.
     if lane.held == 0.0 and lane.search == STEP:
         lane.past = lane.tried
