@@ -127,7 +127,7 @@ def slide_recipe(model_name: str, rim: str = "") -> Kernel:
     ``rim`` is as for :func:`work_recipe`.
     """
     problem = problem_of(find_model(model_name), True, rimmed=bool(rim))
-    return Kernel(slides.slide_lanes, (problem, FLAT, 1.0, True), INNER)
+    return Kernel(slides.slide_lanes, (problem, FLAT, 1.0, True, 0), INNER)
 
 
 def drive_recipe() -> Kernel:

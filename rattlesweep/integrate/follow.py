@@ -25,6 +25,8 @@ from rattlesweep.integrate.lanes.events import HOLD, SCAN
 from rattlesweep.integrate.lanes.lane import (
     N_SLIP,
     NEVER,
+    ROLLING,
+    SLIDING,
     Slip,
     addresses_of,
     call,
@@ -173,9 +175,13 @@ def states_after(problem, parts, w, steps, which, offset, constants, swing, scal
             lane.slip = Slip(*first_of(row[row.size - N_SLIP :], N_SLIP))
             lane.slip1 = lane.slip
             lane.past_h = 0.0
+            if lane.slip.speed > 0.0:
+                lane.mode = SLIDING
+            elif not problem.pivots:
+                lane.mode = ROLLING
         call(parts[kernel.ATTEMPT], (problem, w, scale))
         if problem.slides:
-            call(parts[kernel.SLIDE], (problem, w, scale, False))
+            call(parts[kernel.SLIDE], (problem, w, scale, False, 0))
         for l in range(min(problem.lanes, points - first)):
             lane = lane_of(problem, w, l)
             for c, component in enumerate(lane.y1):

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from math import asin, exp, pi, sqrt
 from typing import Any
 
-from rattlesweep.physics.full import acceleration, scalar, slope_rate
+from rattlesweep.physics.full import TINY, acceleration, scalar, slope_rate
 from rattlesweep.physics.stone import dot, rolling_couples, solve_again, triple
 
 N_STATE = 7  # with the work of all friction and that of pivoting
@@ -72,8 +72,8 @@ def slip_of_patch(n, lever, creep):
 
     ``creep`` is ``mu`` times the speed of sliding.
     """
-    size = abs(n) + 1e-290
-    return creep * (3.0 * pi / 16.0) / (lever * size + 1e-290)
+    size = abs(n) + TINY
+    return creep * (3.0 * pi / 16.0) / (lever * size + TINY)
 
 
 @scalar

@@ -61,9 +61,12 @@ def cross(v, w):
 def axes(u):
     """Return ``h_1`` and ``h_2 = u x h_1``."""
     ux, uy, uz = u
-    root = sqrt(uy * uy + uz * uz)
-    first = root, -ux * uy / root, -ux * uz / root
-    return first, (0.0, uz / root, -uy / root)
+    square = uy * uy + uz * uz
+    root = sqrt(square)
+    inverse = 1.0 / root
+    y = uy * inverse
+    z = uz * inverse
+    return (root, -ux * y, -ux * z), (0.0, z, -y)
 
 
 ROUND = 1.5 * 2.0**52  # added and subtracted, it leaves an integer
@@ -112,7 +115,11 @@ def slip_direction(u, angle):
 @scalar
 def divided(v, inertia):
     """Return ``I^-1 v``."""
-    return v[0] / inertia[0], v[1] / inertia[1], v[2] / inertia[2]
+    # Compilers compute the reciprocals once for all vectors.
+    x = 1.0 / inertia[0]
+    y = 1.0 / inertia[1]
+    z = 1.0 / inertia[2]
+    return v[0] * x, v[1] * y, v[2] * z
 
 
 @scalar
@@ -124,6 +131,7 @@ def contact_at(u, omega, r, w, inertia, torque, drag):
     ix, iy, iz = inertia
     a, b, c = omega
     first, second = axes(u)
+    inverse = 1.0 / first[0]
     gyro = (
         (iy - iz) * b * c + torque[0],
         (iz - ix) * c * a + torque[1],
@@ -142,7 +150,7 @@ def contact_at(u, omega, r, w, inertia, torque, drag):
         1.0 + dot(u, curl) - dot(lever_u, own),
         dot(lever_1, own) - dot(first, curl),
         dot(lever_2, own) - dot(second, curl),
-        (uy * b + uz * c) / (uy * uy + uz * uz),
+        (uy * b + uz * c) * (inverse * inverse),
         1.0 + dot(lever_u, turned_u),
         dot(lever_u, turned_1),
         dot(lever_u, turned_2),
@@ -172,8 +180,9 @@ def push(contact, mu, angle):
     turned_u = mu * (contact.ku1 * s - contact.ku2 * c)
     turned_1 = mu * (contact.k11 * s - contact.k12 * c)
     turned_2 = mu * (contact.k12 * s - contact.k22 * c)
-    normal = contact.need / per_u
-    normal_rate = -normal * turned_u / per_u
+    inverse = 1.0 / per_u
+    normal = contact.need * inverse
+    normal_rate = -normal * turned_u * inverse
     x = contact.free1 + normal * per_1
     y = contact.free2 + normal * per_2
     x_rate = normal_rate * per_1 + normal * turned_1

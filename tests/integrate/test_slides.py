@@ -17,6 +17,7 @@ from rattlesweep.integrate.collocation import radau
 from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.lanes import slides
 from rattlesweep.integrate.lanes.lane import LANES
+from rattlesweep.integrate.lanes.lane import SLIDING as SLIDING_MODE
 from rattlesweep.integrate.model import FULL, FULL_ELLIPSOID, SLIDING, VECTORS_SLIDING
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
@@ -87,6 +88,7 @@ class Slider:
         self.set("mu", batch.constants[0, -1])
         self.set("slip", [speed, angle, 0])
         self.set("swing", 1.0)
+        self.set("mode", SLIDING_MODE)
         self.t = 0.0
 
     def rows(self, name):
@@ -103,7 +105,7 @@ class Slider:
         """Take steps until the body rolls."""
         while self.get("slip")[0] > 0:
             self.set("h", longest)
-            self._slide(self.problem, self.w, self.scale, False)
+            self._slide(self.problem, self.w, self.scale, False, 0)
             assert self.get("error")[0] <= 1
             self.t += self.get("h")[0]
             self.set("y", self.get("y1"))

@@ -18,9 +18,6 @@ SAME = {
     """,
     "a tangent, and each tangent of a frame": "rate seed transverse",
     "what a mode does there": "RESULTS advance hold_back observe settle store work",
-    "a number that compiled functions share": """
-        AT_LIMIT JAMMED LIFTS_OFF METHOD OK RIM STEP_TOO_SMALL TINY
-    """,
 }
 
 

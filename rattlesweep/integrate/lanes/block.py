@@ -30,11 +30,13 @@ from rattlesweep.integrate.lanes.lane import (
 )
 from rattlesweep.integrate.lanes.step import span
 from rattlesweep.integrate.model import Model
-from rattlesweep.physics.full import FASTMATH
+from rattlesweep.physics.full import FASTMATH, TINY
 
 METHOD = radau(STAGES)
 # Lanes in a block, one or two vectors of the processor.
 WIDTH = 1 if config.DISABLE_JIT else 8
+# Of squared changes: they may fall by this less from one iteration to the next.
+DECAY = 9.0
 LARGEST_TURN = 0.5  # of the angle in an iteration
 LEAST_GUESS = 1e-3  # of the speed at a stage, as a share of that at the start
 HEAD = '''"""Steps of slides of the model {name}, from lanes.block."""
@@ -65,6 +67,7 @@ class Block:
     past_h: int  # size of the last step
     offset: int  # share of the last step after which this one starts
     busy: int  # 1 until the equations are solved, then 0; -1 if they cannot be
+    spent: int  # number of iterations
     # State and slip at the stages, and constants: rows for all stages of each number.
     values: int
     growths: int  # rates of the speed at the stages
@@ -126,6 +129,8 @@ class _Writer:
         self.loaded = self.rows
         self.turns = self.take(STAGES)
         self.change = self.take(1)
+        self.before = self.take(1)  # the change in the iteration before
+        self.spent = self.take(1)
         self.lane = self.take(1)
         self.cells: list[str] = []
         self.lines: list[str] = []
@@ -206,6 +211,7 @@ class _Writer:
                 f"y = y[:{speed}] + (speed,) + y[{speed + 1}:]",
                 self.write("y", self.at(i, self.values, count)),
                 self.write("(1.0,)", self.at(i, self.busy)),
+                self.write("(0.0, 0.0)", [self.before, self.spent]),
             )
             if i:
                 read = self.read(self.at(0, self.constants, self.n_constants))
@@ -221,15 +227,21 @@ class _Writer:
             self.update(i)
         self.lines.append("    busy = 0")
         stages = range(self.least, self.least + STAGES)
-        read = self.read([*stages, self.change, self.enough, self.busy])
+        numbers = [self.change, self.enough, self.before, self.spent, self.busy]
+        read = self.read([*stages, *numbers])
         self.loop(
             f"q = {read}",
-            f"change, enough, was = q[{STAGES}:]",
+            f"change, enough, before, spent, was = q[{STAGES}:]",
             f"least = {nested('min', [f'q[{i}]' for i in range(STAGES)])}",
-            "state = 1.0 if change > enough else 0.0",
+            # At most the change that the next iteration would make.
+            f"next = {DECAY} * change * change / (before + {TINY})",
+            "left = change if change < next else next",
+            "state = 1.0 if left > enough else 0.0",
             "state = state if (least > 0.0) & (change < 1e300) else -1.0",
             "now = state if was > 0.0 else was",
             self.write(f"({'now, ' * STAGES})", span(self.busy, STAGES)),
+            "spent += 1.0 if was > 0.0 else 0.0",
+            self.write("(change, spent)", [self.before, self.spent]),
             "busy += 1 if now > 0.0 else 0",
         )
         self.lines.append("    return busy")
@@ -366,6 +378,7 @@ def block_of(model: Model) -> Block:
         past_h=writer.past_h,
         offset=writer.offset,
         busy=writer.busy,
+        spent=writer.spent,
         values=writer.values,
         growths=writer.rates + (n + SLIP_SPEED) * STAGES,
         constants=writer.constants,

@@ -10,8 +10,8 @@ run.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from rattlesweep.integrate.lanes.lane import NEVER, TINY, Peak, Point, choice
-from rattlesweep.physics.full import scalar
+from rattlesweep.integrate.lanes.lane import NEVER, Peak, Point, choice
+from rattlesweep.physics.full import TINY, scalar
 
 
 class Extreme(NamedTuple):

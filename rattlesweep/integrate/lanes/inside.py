@@ -18,13 +18,12 @@ from rattlesweep.integrate.lanes.lane import (
     INNER,
     KEPT_APART,
     NEVER,
-    TINY,
     Peak,
     Point,
     moved,
 )
 from rattlesweep.integrate.lanes.marks import value_of
-from rattlesweep.physics.full import FASTMATH, scalar
+from rattlesweep.physics.full import FASTMATH, TINY, scalar
 
 # The longest step of which a glance at the middle tells enough, in radians of the
 # fastest swing.

@@ -19,10 +19,10 @@ trajectories (`follow.record_steps`) are made of the same turns: :func:`try_step
 from math import isfinite, sqrt
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit, prange
 
-from rattlesweep.integrate.lanes import events, runs
+from rattlesweep.integrate.lanes import events, runs, slides
+from rattlesweep.integrate.lanes.block import WIDTH
 from rattlesweep.integrate.lanes.events import (
     ARRIVED,
     HOLD,
@@ -44,6 +44,7 @@ from rattlesweep.integrate.lanes.lane import (
     fetch_add,
     lane_of,
     lowest_bit,
+    rough_root,
     widest_vectors,
 )
 from rattlesweep.integrate.lanes.runs import recorded
@@ -89,8 +90,6 @@ SAFETY_REJECTED = 0.85
 # otherwise.
 SHRINK = 0.2
 LEAST_ERROR = 1e-30
-# For `rough_root` of 1, where 1023 << 52 is 1.0.
-OFFSET = np.uint64((1023 << 52) - (1023 << 46))
 
 
 @njit(**INNER)
@@ -163,17 +162,6 @@ def search_zeros(lane):
 
 
 @njit(**INNER)
-def rough_root(x):
-    """Return roughly ``x^(1/64)`` of a positive number, from its bits as a logarithm.
-
-    The result is 0 to 6.2 % too large, as ``1 + m`` replaces ``2^m``, and rises with
-    ``x``.
-    """
-    bits = np.float64(x).view(np.uint64) >> np.uint64(6)
-    return np.uint64(bits + OFFSET).view(np.float64)
-
-
-@njit(**INNER)
 def decide(problem, w, dt, max_steps):
     """Decide on the step tried on every lane, and return which lanes are due, as bits.
 
@@ -193,6 +181,9 @@ def decide(problem, w, dt, max_steps):
             # rejection.
             root = rough_root(error + LEAST_ERROR)
             ratio = SAFETY * lane.root0 / (root * root)
+            if problem.slides:
+                own = lane.stretch
+                ratio = own if own > 0.0 else ratio
             h_next = h * (1.0 if (lane.held > 0.0) & (ratio > 1.0) else ratio)
             longest = lane.h_longest
             h_next = h_next if h_next < longest else longest
@@ -211,6 +202,13 @@ def decide(problem, w, dt, max_steps):
             | (lane.watched > 0.0)
             | (not accept)
         )
+        if problem.slides:
+            waits = lane.waits > 0.0
+            accept &= not waits
+            due &= not waits
+            h_next = h if waits else h_next
+            before = lane.root0
+            root = before if waits else root
         bits |= (1 if due else 0) << l
         lane.h_next = h_next
         lane.root = root
@@ -310,15 +308,21 @@ def is_recording(recording):
 
 @njit(forceinline=True, **INNER)
 def try_step(problem, parts, w, options, recording):
-    """Try a step on every lane, decide on it, and return which lanes are due."""
-    call(parts[ATTEMPT], (problem, w, options.scale))
-    if problem.limited:
-        problem.modes.observe_limit(problem, w)
-    if recorded(recording.contact):
-        runs.observe_contact(problem, w)
+    """Try a step on every lane, decide on it, and return which lanes are due.
+
+    Lanes may wait for a turn that more lanes share (`slides.plan_turn`).
+    """
+    rolls = slides.plan_turn(problem, w) if problem.slides else True
+    if rolls:
+        call(parts[ATTEMPT], (problem, w, options.scale))
+        if problem.limited:
+            problem.modes.observe_limit(problem, w)
+        if recorded(recording.contact):
+            runs.observe_contact(problem, w)
     if problem.slides:
         # Lanes that slide replace what was done to them.
-        arguments = problem, w, options.scale, recorded(recording.contact)
+        fewest = slides.FEWEST_SLIDING if rolls else WIDTH
+        arguments = problem, w, options.scale, recorded(recording.contact), fewest
         call(parts[SLIDE], arguments)
     if recorded(recording.contact):
         runs.follow_contact(problem, w)

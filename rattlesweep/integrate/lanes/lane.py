@@ -153,6 +153,21 @@ def lowest_bit(context, builder, signature, args):
     return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
 
+# For a root of 1, where 1023 << 52 is 1.0.
+ROOT_OF_ONE = np.uint64((1023 << 52) - (1023 << 46))
+
+
+@njit(**INNER)
+def rough_root(x):
+    """Return roughly ``x^(1/64)`` of a positive number, from its bits as a logarithm.
+
+    The result is 0 to 6.2 % too large, as ``1 + m`` replaces ``2^m``, and rises with
+    ``x``.
+    """
+    bits = np.float64(x).view(np.uint64) >> np.uint64(6)
+    return np.uint64(bits + ROOT_OF_ONE).view(np.float64)
+
+
 @intrinsic(
     lambda typingctx, y, f, h: y(y, f, types.float64),
     lambda y, f, h: tuple(a + h * b for a, b in zip(y, f, strict=True)),
@@ -282,7 +297,6 @@ class Peak(NamedTuple):
 
 
 NEVER = 1e290  # beyond any time, modulus and force of a run
-TINY = 1e-290  # prevents divisions by zero
 DIFFERENCE = 1e-7  # length of differences along the flow, in radians of the swing
 
 # Kinds of fields of a lane; all numbers are doubles.
@@ -313,7 +327,7 @@ class Fields:
     # The step tried.
     h: Number  # size
     error: Number  # square of the error, in units of the tolerance
-    root: Number  # `kernel.rough_root` of the error
+    root: Number  # `rough_root` of the error
     root0: Number  # the same of the step before
     n0: Number  # spin at the start
     rate0: Number  # rate of the spin at the start
@@ -417,6 +431,12 @@ class Fields:
     refused: Number  # status of a body that can neither roll nor slide at launch, or 0
     past_h: Number  # size of the last step of the slide, 0 if there is none
     tried_h: Number  # the same of the step tried
+    # Ratio of the next step to the step tried, 0 where `kernel.decide` finds it.
+    stretch: Number
+    rise: Number  # 18th root of the squared error of the step tried
+    past_rise: Number  # the same of the last step
+    spent: Number  # iterations in the last step, and turns in which the lane waited
+    waits: Flag  # whether the lane tries no step in this turn
 
     # Modes (modes.py).
     mode: Number  # ROLLING, SLIDING, ...

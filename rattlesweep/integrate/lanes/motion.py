@@ -39,10 +39,11 @@ def motion_at(model, y, slip, mu, constants):
     normal, mobility, along, across, slope = push(contact, mu, slip.angle)
     turned = spun(own, u, r, inertia, drag, mu, slip.angle, normal)
     f = model.slide.derivative(y, slip, placed, turned, normal)
-    turning = across / slip.speed - contact.turn
+    inverse = 1.0 / slip.speed
+    turning = across * inverse - contact.turn
     rate = Slip(along, turning, -mu * normal * slip.speed)
     margin = min(contact.need, mobility - LEAST_MOBILITY)
-    return Motion(f, rate, slope / slip.speed, normal, mobility, margin)
+    return Motion(f, rate, slope * inverse, normal, mobility, margin)
 
 
 @scalar

@@ -24,7 +24,6 @@ from rattlesweep.integrate.lanes.lane import (
     INNER,
     KEPT_APART,
     PIVOTING,
-    TINY,
     Mode,
     Point,
     apart,
@@ -33,7 +32,7 @@ from rattlesweep.integrate.lanes.lane import (
     widest_vectors,
 )
 from rattlesweep.integrate.lanes.statuses import AT_LIMIT, OK
-from rattlesweep.physics.full import FASTMATH, scalar
+from rattlesweep.physics.full import FASTMATH, TINY, scalar
 from rattlesweep.physics.pivoting import LEAST_SPEED, spin_of_share
 
 RESULTS = ("t_held", float), ("held_time", float), ("pivot_work", float)

@@ -17,7 +17,6 @@ from rattlesweep.integrate.lanes.lane import (
     INNER,
     NEVER,
     SLIDING,
-    TINY,
     Peak,
     Point,
     clear,
@@ -34,7 +33,7 @@ from rattlesweep.integrate.lanes.statuses import (
     OK,
     RIM,
 )
-from rattlesweep.physics.full import FASTMATH, scalar
+from rattlesweep.physics.full import FASTMATH, TINY, scalar
 
 # The arrays that a kernel reads and writes have one row for each run.
 PLAN = np.dtype(

@@ -11,18 +11,21 @@ The angle of sliding is stiff near the begin and the end of a slide (`physics.sl
 and nothing else is.  So a step of a Radau IIA method solves its equations for the
 angle by Newton's method, which needs one derivative a stage, and for the rest by
 iteration, on several lanes at once (`lanes.block`).  Near the end of a slide steps
-become shorter with the speed, since the equations have no sense beyond its zero.
+become shorter with the speed, since the equations have no sense beyond its zero.  The
+last one is of second order, in which the speed falls to zero.
 """
 
 # mypy: ignore-errors
 from math import exp, floor, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.polynomial import legendre
 
-from rattlesweep.integrate.collocation import STAGES, radau
+from rattlesweep.integrate.collocation import STAGES
 from rattlesweep.integrate.lanes import runs
+from rattlesweep.integrate.lanes.block import METHOD
 from rattlesweep.integrate.lanes.events import STEP
 from rattlesweep.integrate.lanes.inside import (
     glance,
@@ -39,21 +42,30 @@ from rattlesweep.integrate.lanes.lane import (
     SLIDING,
     SLIP_ANGLE,
     SLIP_SPEED,
-    TINY,
     Mode,
     Peak,
     Point,
     Slip,
     lane_of,
+    lowest_bit,
     moved,
+    rough_root,
 )
 from rattlesweep.integrate.lanes.motion import (
     LEAST_MOBILITY,
+    Motion,
     contact_of,
     motion_at,
 )
-from rattlesweep.integrate.status import Status
-from rattlesweep.physics.full import FASTMATH, scalar
+from rattlesweep.integrate.lanes.statuses import (
+    AT_LIMIT,
+    JAMMED,
+    LIFTS_OFF,
+    OK,
+    RIM,
+    STEP_TOO_SMALL,
+)
+from rattlesweep.physics.full import FASTMATH, TINY, scalar
 from rattlesweep.physics.pivoting import slip_of_patch
 from rattlesweep.physics.sliding import (
     TWO_PI,
@@ -65,14 +77,6 @@ from rattlesweep.physics.sliding import (
 )
 from rattlesweep.physics.stone import dot
 
-OK = int(Status.OK)
-AT_LIMIT = int(Status.LIMIT)
-STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
-LIFTS_OFF = int(Status.LIFTS_OFF)
-JAMMED = int(Status.JAMMED)
-RIM = int(Status.RIM)
-
-METHOD = radau(STAGES)
 POINTS = METHOD.points
 INTEGRALS = METHOD.integrals
 DEGREES = np.arange(STAGES)
@@ -85,11 +89,28 @@ SOLVED = 1e-2  # share of the tolerance to which the equations are solved
 # Rounding errors of a state over its size: no step is more exact.
 ROUNDING = 1e-15
 FAILED = 1e30  # squared error of a step whose equations were not solved
+# The ratio of two steps: a share of what would meet the tolerance, and bounds.
+SAFE_SHARE = 0.75
+LEAST_STRETCH = 0.2
+MOST_STRETCH = 3.0
+LEAST_SLIDING_ERROR = 1e-16  # squared, of steps that may grow as much as they can
+
+# Lanes with so many iterations in their last step are put into blocks together.
+ITERATIONS = 7.0, 6.0, 5.0, 4.0, 0.0
+# Lanes in a block after the first, if lanes that roll step in the same turn.
+FEWEST_SLIDING = 4
 
 BEGINNING = 1e-290  # speed at the begin of a slide
-# A slide that comes to rest within this angle of the fastest swing ends with one step,
-# in which only the direction changes.
-LAST_ANGLE = 1e-8
+# A slide ends with a step of second order if its rest is as short as this, in radians
+# of the fastest swing, and the rates hardly change.
+LAST_ANGLE = 1e-4
+# Squared error, in units of the tolerance, of a step of first order at that place.
+LAST_ERROR = 1e-3
+# If the deceleration changes by more than this share until then, the direction turns.
+STEADY = 0.1
+# A slide that comes to rest within this angle ends with one step in any case, in which
+# only the direction changes.
+SHORTEST_ANGLE = 1e-8
 # Where the direction turns, that step is cut into pieces, in which the speed falls by
 # this factor's exponential: it changes by what is left after all of them, 2e-4.
 FALL = 0.1
@@ -99,7 +120,7 @@ SETTLED = 1e-15
 # Fraction of the time to rest that a step leaves: at least, and at most.
 LEAST_LEFT = 0.01
 MOST_LEFT = 0.3
-FIRST_ANGLE = 0.1  # first step of a slide, in radians of the fastest swing
+FIRST_ANGLE = 0.2  # first step of a slide, in radians of the fastest swing
 # Error of a step across the kink of the patch's torque, over this torque and the 2.5th
 # power of the step's width, as found for all places of the kink in a step.
 KINK = 1e-3
@@ -153,6 +174,7 @@ def load_column(lane, z, column, scale):
     if lane.held == 0.0 and lane.search == STEP:
         lane.past = lane.tried
         lane.past_h = lane.tried_h
+        lane.past_rise = lane.rise
     numbers = (slip.speed, slip.angle, slip.work)
     settings = (lane.mu, lane.h, enough, lane.past_h, 1.0)
     whole = lane.y + numbers + lane.constants + settings + lane.past
@@ -298,6 +320,24 @@ def squared_error(lane, z, column, scale):
     return error * lane.h * lane.h / max(size / scale, squared_rounding(lane))
 
 
+@njit(**INNER)
+def stretch(lane):
+    """Return the ratio of the next step to the step just tried.
+
+    If errors rose with respect to the last step, they are expected to go on rising
+    (Gustafsson).
+    """
+    root = rough_root(lane.error + LEAST_SLIDING_ERROR)
+    # Squared errors rise as h^18, of which this is about the root.
+    rise = root * root * root * sqrt(root)
+    lane.rise = rise
+    ratio = SAFE_SHARE / rise
+    if lane.past_h > 0.0:
+        trend = lane.h / lane.past_h * lane.past_rise / rise
+        ratio = ratio * trend if trend < 1.0 else ratio
+    return min(MOST_STRETCH, max(LEAST_STRETCH, ratio))
+
+
 @njit(fastmath=FASTMATH, **INNER)
 def squared_error_of_spin(lane, z, column):
     """Return the square of the error of the spin in a step of size 1.
@@ -401,6 +441,67 @@ def set_limit(lane):
     lane.ratio1 = Point(lane.h, lane.mu, 0.0)
 
 
+class Rest(NamedTuple):
+    """The end of a slide whose rates hardly change until it."""
+
+    now: Motion  # at the start of the step
+    then: Motion  # at rest
+    time: float  # until rest
+    steady: bool  # whether the rates hardly change
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def rest_after(lane, time, scale):
+    """Return the :class:`Rest` that a slide reaches after about some time."""
+    slip = lane.slip
+    now = motion_of(lane, lane.y, slip)
+    # Where the angle is stiff, it follows the force at once, as in an implicit step.
+    turn = time * now.slip.angle / (1.0 + time * abs(now.stiffness))
+    state = moved(lane.y, now.f, time)
+    then = motion_of(lane, state, Slip(BEGINNING, slip.angle + turn, slip.work))
+    bend = then.slip.speed - now.slip.speed
+    # A step along the derivative at the start would have this error.
+    lacking = moved(then.f, now.f, -1.0)
+    error, size = lane.problem.model.error(lacking, state, lane.constants)
+    error = 0.25 * time * time * (error + bend * bend)
+    steady = (
+        (abs(bend) <= STEADY * abs(now.slip.speed))
+        & (error <= max(LAST_ERROR * size / scale, squared_rounding(lane)))
+        & (then.mobility > LEAST_MOBILITY)
+    )
+    mean = now.slip.speed + 0.5 * bend
+    return Rest(now, then, -slip.speed / mean if steady else time, steady)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def step_to_rest(lane, rest):
+    """Step to rest, or towards it if the step is shorter, with the forces there."""
+    h = lane.h
+    slip = lane.slip
+    now = rest.now
+    then = rest.then
+    share = h / rest.time
+    change = moved(then.f, now.f, -1.0)
+    bend = then.slip.speed - now.slip.speed
+    speed = slip.speed + h * (now.slip.speed + 0.5 * share * bend)
+    lane.slip1 = Slip(
+        max(speed, BEGINNING) if share < 1.0 else 0.0,
+        slip.angle,
+        slip.work + h * now.slip.work * (1.0 - 0.5 * share),
+    )
+    lane.y1 = moved(moved(lane.y, now.f, h), change, 0.5 * h * share)
+    lane.f1 = moved(now.f, change, share)
+    lane.error = 0.0
+    left = lane.problem.modes.left
+    start = now.margin * left(lane, lane.y)
+    margin = now.margin + share * (then.margin - now.margin)
+    limit = margin * left(lane, lane.y1)
+    normal = now.normal + share * (then.normal - now.normal)
+    lane.limit1 = Point(h, limit, (limit - start) / h)
+    lane.lift1 = Point(h, -normal, (now.normal - then.normal) / rest.time)
+    lane.ratio1 = Point(h, lane.mu, 0.0)
+
+
 @njit(fastmath=FASTMATH, **INNER)
 def fall_to_rest(lane):
     """Return how a slide comes to rest, soon.
@@ -441,7 +542,7 @@ def fall_to_rest(lane):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def step_to_rest(lane, mean, angle, rest):
+def turn_to_rest(lane, mean, angle, rest):
     """Step along the mean derivative, to rest if the step is as long as that takes."""
     h = lane.h
     slip = lane.slip
@@ -477,39 +578,57 @@ def stay(lane):
 
 
 @njit(fastmath=FASTMATH, **INNER)
+def observe_ends(lane, contact_recorded):
+    """Observe a step of which the limit and the forces are known at its ends alone."""
+    limit_half = halfway(lane.limit0, lane.limit1)
+    lift_half = halfway(lane.lift0, lane.lift1)
+    observe(lane, contact_recorded, limit_half, lift_half)
+
+
+@njit(fastmath=FASTMATH, **INNER)
 def end_or_load(lane, z, column, scale, contact_recorded):
     """Return whether the step is one of a block, and copy it there.
 
     Otherwise the slide ends with it, or is jammed.
     """
     load_column(lane, z, column, scale)
-    rest = time_to_rest(lane, z, column)
-    angle = rest * lane.swing
-    ends = angle < LAST_ANGLE
-    if ends:
-        mean, direction, rest, falls = fall_to_rest(lane)
-    if lane.search == STEP:
+    time = time_to_rest(lane, z, column)
+    angle = time * lane.swing
+    searches = lane.search != STEP
+    if angle < LAST_ANGLE:
+        rest = rest_after(lane, time, scale)
+        if rest.steady:
+            if rest.time < lane.h and not searches:
+                lane.h = rest.time
+                lane.last = 0.0
+            step_to_rest(lane, rest)
+            observe_ends(lane, contact_recorded)
+            return False
+    if angle < SHORTEST_ANGLE:
+        mean, direction, time, falls = fall_to_rest(lane)
+        if not falls and not searches:
+            contact, _, _ = contact_at_slip(lane, lane.y, lane.slip)
+            if meets_singularity(contact, lane.mu, lane.slip.angle):
+                lane.refused = JAMMED
+                stay(lane)
+                return False
+        # After rejected steps the rest may be further away than the next step goes.
+        if not searches and (time < lane.h or lane.last == 0.0):
+            lane.h = time
+            lane.last = 0.0
+        turn_to_rest(lane, mean, direction, time)
+        set_limit(lane)
+        observe_ends(lane, contact_recorded)
+        return False
+    if not searches:
         # The cubic term of the speed may bring the rest nearer, and errors matter the
         # less the shorter the rest is.
-        left = 0.0 if ends else min(MOST_LEFT, max(LEAST_LEFT, 0.5 * sqrt(angle)))
-        # After rejected steps the rest may be further away than the next step goes.
-        if rest * (1.0 - left) < lane.h or (ends and lane.last == 0.0):
-            lane.h = rest * (1.0 - left)
+        left = min(MOST_LEFT, max(LEAST_LEFT, 0.5 * sqrt(angle)))
+        if time * (1.0 - left) < lane.h:
+            lane.h = time * (1.0 - left)
             lane.last = 0.0
-    if not ends:
-        look_ahead(lane, z, column)
-        return True
-    if lane.search == STEP and not falls:
-        contact, _, _ = contact_at_slip(lane, lane.y, lane.slip)
-        if meets_singularity(contact, lane.mu, lane.slip.angle):
-            lane.refused = JAMMED
-            stay(lane)
-            return False
-    step_to_rest(lane, mean, direction, rest)
-    set_limit(lane)
-    limit_half = halfway(lane.limit0, lane.limit1)
-    observe(lane, contact_recorded, limit_half, halfway(lane.lift0, lane.lift1))
-    return False
+    look_ahead(lane, z, column)
+    return True
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -530,6 +649,8 @@ def take_from(lane, z, column, scale, contact_recorded):
     lane.tried = block.rates(z, column)
     lane.tried_h = lane.h
     lane.error = squared_error(lane, z, column, scale)
+    lane.stretch = stretch(lane)
+    lane.spent = z[block.spent * block.width + column]
     limit_half, lift_half = note_forces(lane, z, column)
     observe(lane, contact_recorded, limit_half, lift_half)
 
@@ -566,36 +687,102 @@ def solve_block(problem, w, z, count, scale, contact_recorded):
         take_from(lane, z, column, scale, contact_recorded)
 
 
-def slide_lanes(problem, w, scale, contact_recorded):
+@njit(**INNER)
+def plan_turn(problem, w):
+    """Return whether the lanes that roll try a step in this turn, or wait.
+
+    Their step takes as long for one of them as for all, so they wait while most lanes
+    slide.  This changes nothing of a run.
+    """
+    rolling = 0
+    sliding = 0
+    watched = 0.0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        busy = lane.run >= 0.0
+        slides = lane.mode == SLIDING
+        sliding += 1 if busy & slides else 0
+        rolling += 1 if busy & (not slides) else 0
+        watched += lane.watched
+    rolls = (rolling >= sliding) | (watched > 0.0)
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        waits = (not rolls) & (lane.mode != SLIDING)
+        lane.waits = 1.0 if waits else 0.0
+        if waits:
+            hold_back(lane)
+    return rolls
+
+
+@njit(**INNER)
+def sliding_lanes(problem, w):
+    """Return which lanes slide, as bits."""
+    bits = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        lane.stretch = 0.0
+        if lane.refused > 0.0:
+            lane.waits = 0.0
+            stay(lane)
+        bits |= (1 if (lane.refused == 0.0) & (lane.mode == SLIDING) else 0) << l
+    return bits
+
+
+def slide_lanes(problem, w, scale, contact_recorded, fewest):
     """Try a step on every lane that slides.
+
+    Fewer lanes than ``fewest`` that would be in a block after another one wait.
 
     The block is at the end of the workspace.
     """
-    moving = 0
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        moving += 1 if (lane.refused > 0.0) | (lane.slip.speed > 0.0) else 0
-    if moving == 0:
-        return
     block = problem.block
     z = w[w.size - block.rows * block.width :]
+    waiting = sliding_lanes(problem, w)
     count = 0
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        if lane.refused > 0.0:
-            stay(lane)
-            continue
-        if lane.slip.speed == 0.0:
-            continue
-        if not end_or_load(lane, z, count, scale, contact_recorded):
-            continue
-        z[block.lane * block.width + count] = l
-        count += 1
-        if count == block.width:
-            solve_block(problem, w, z, count, scale, contact_recorded)
-            count = 0
+    # A block takes as many iterations as the lane with most of them.
+    for least in ITERATIONS:
+        left = waiting
+        while left != 0:
+            l = lowest_bit(left)
+            left &= left - 1
+            lane = lane_of(problem, w, l)
+            if lane.spent < least:
+                continue
+            waiting ^= 1 << l
+            if not end_or_load(lane, z, count, scale, contact_recorded):
+                continue
+            z[block.lane * block.width + count] = l
+            count += 1
+            if count == block.width:
+                solve_block(problem, w, z, count, scale, contact_recorded)
+                count = 0
+                if bits_of(waiting) < fewest:
+                    let_wait(problem, w, waiting)
+                    waiting = 0
+                    left = 0
     if count > 0:
         solve_block(problem, w, z, count, scale, contact_recorded)
+
+
+@njit(**INNER)
+def bits_of(bits):
+    """Return the number of bits that are set."""
+    count = 0
+    while bits != 0:
+        bits &= bits - 1
+        count += 1
+    return count
+
+
+@njit(**INNER)
+def let_wait(problem, w, waiting):
+    """Let lanes wait for the next turn, in which they come earlier."""
+    while waiting != 0:
+        lane = lane_of(problem, w, lowest_bit(waiting))
+        waiting &= waiting - 1
+        hold_back(lane)
+        lane.waits = 1.0
+        lane.spent += 1.0
 
 
 # From rolling to sliding and back.
@@ -813,7 +1000,7 @@ def work(lane):
 @njit(**INNER)
 def store(lane, t, result):
     """Store the results of slides."""
-    if lane.slip1.speed > 0.0:
+    if lane.mode == SLIDING:
         lane.slide_time += t - lane.t_begin
     result["t_slide"] = lane.t_slide if lane.t_slide >= 0.0 else np.nan
     result["n_slides"] = int(lane.slides)
