@@ -41,6 +41,7 @@ def test_reference_stones(body, materials, mean_radius, seconds):
     assert patch.lever == pytest.approx(patch.pivot * units.length, rel=1e-15)
 
 
+@pytest.mark.slow
 def test_a_lever_is_an_argument_of_a_run():
     lever = rs.contact_patch(LARGE, ("PLA", "glass")).pivot
     launch = {"n_i": "60 rpm", "omega_xy0": "6 rpm", "t_end": "1 s"}

@@ -662,6 +662,7 @@ def test_an_envelope_keeps_every_extreme_and_the_turn():
     assert high.max() == pytest.approx(1.1, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_very_many_panels_are_reduced_and_this_is_said(tmp_path):
     config = {
         "bodies": bodies(K_r=[0.02, 0.05, 0.1]),

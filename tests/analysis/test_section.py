@@ -85,7 +85,9 @@ def test_scipy_with_another_program_finds_the_same_crossings():
             {"n_i": 0.3, "omega_xy0": 0.1, "t_end": 60.0, "mu": 0.1},
             ["omega_y", "v_slip"],
         ),
-        (SMALL | {"rolling": 1e-3}, ["omega_y", "energy"]),
+        pytest.param(
+            SMALL | {"rolling": 1e-3}, ["omega_y", "energy"], marks=pytest.mark.slow
+        ),
     ],
     ids=["full", "rk4", "reduced", "sliding", "rolling"],
 )

@@ -66,6 +66,7 @@ def test_presets_grids_and_tables(tmp_path):
         assert c_of(source) is None
 
 
+@pytest.mark.slow
 def test_runs_against_mechanics():
     scenes = []
     for k, (body, u, omega, sigma, rolling) in enumerate(random_bodies(12, 11)):

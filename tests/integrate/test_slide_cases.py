@@ -48,7 +48,12 @@ def batch_of(cases, model):
 
 
 @pytest.mark.parametrize(
-    "model", ["full", "ellipsoid", pytest.param("full_viscous", marks=pytest.mark.slow)]
+    "model",
+    [
+        "full",
+        pytest.param("ellipsoid", marks=pytest.mark.slow),
+        pytest.param("full_viscous", marks=pytest.mark.slow),
+    ],
 )
 def test_runs_are_those_of_the_oracle(model):
     """The worst differences are those of docs/design.md."""

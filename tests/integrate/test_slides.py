@@ -196,6 +196,7 @@ def test_the_motion_of_a_mirrored_body_is_mirrored():
     assert two.slide_work == pytest.approx(one.slide_work, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_all_models_slide_alike():
     runs = kernels.full_batch(GH, 0.3, 0.1, t_end=100.0)
     damped = in_friction(runs, sigma=1e-3, rolling=2e-3)

@@ -65,7 +65,7 @@ def test_an_ellipsoid_is_followed_once_unless_the_run_is_long(
     flat = kernels.full_batch(oracle.GH, [0.1], t_end=60.0)
     batch = replace(flat, constants=np.append(flat.constants, [[0.3]], axis=1))
     monkeypatch.setattr(follow_module, "STEPS_PER_CALL", 50)
-    monkeypatch.setattr(follow_module, "MOST_AHEAD", most_ahead)
+    monkeypatch.setattr(follow_module, "CALLS_AHEAD", most_ahead)
     begins = []
     call = Follower._call
 
@@ -171,6 +171,7 @@ def test_attitude_and_trace_agree_with_rigid_body_kinematics():
     assert table["yaw"].to_numpy() == pytest.approx(heading, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_attitude_of_an_ellipsoid_that_rolls_onto_its_side(tmp_path):
     """SciPy integrates a quaternion by omega, and the path by the contact point."""
     config = {

@@ -291,7 +291,12 @@ def true_and_estimated(config: dict[str, Any], tol: float) -> pd.DataFrame:
 
 
 @pytest.mark.parametrize(
-    "losses", [{"pivot": 1e-3}, {"mu": 0.3}, {"mu": 0.3, "pivot": 1e-3}]
+    "losses",
+    [
+        {"pivot": 1e-3},
+        {"mu": 0.3},
+        pytest.param({"mu": 0.3, "pivot": 1e-3}, marks=pytest.mark.slow),
+    ],
 )
 def test_errors_with_pivoting_and_with_slides_are_within_their_estimates(losses):
     config = friction_runs(losses, 2, 11)

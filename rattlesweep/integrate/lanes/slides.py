@@ -709,18 +709,27 @@ def plan_turn(problem, w):
         lane = lane_of(problem, w, l)
         waits = (not rolls) & (lane.mode != SLIDING)
         lane.waits = 1.0 if waits else 0.0
-        if waits:
-            hold_back(lane)
+    if not rolls:
+        for l in range(problem.lanes):
+            lane = lane_of(problem, w, l)
+            if lane.waits > 0.0:
+                hold_back(lane)
     return rolls
 
 
 @njit(**INNER)
 def sliding_lanes(problem, w):
     """Return which lanes slide, as bits."""
-    bits = 0
+    others = 0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         lane.stretch = 0.0
+        others += 1 if (lane.refused > 0.0) | (lane.mode == SLIDING) else 0
+    bits = 0
+    if others == 0:
+        return bits
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
         if lane.refused > 0.0:
             lane.waits = 0.0
             stay(lane)
