@@ -80,7 +80,11 @@ def test_scipy_with_another_program_finds_the_same_crossings():
     [
         (WILD, ["n", "omega_y", "u_x", "F_normal", "E_p", "q0"]),
         (SMALL | {"method": "rk4"}, ["omega_x", "n"]),
-        (WILD | {"model": "reduced", "t_end": 3000.0}, ["n", "E_r"]),
+        pytest.param(
+            WILD | {"model": "reduced", "t_end": 3000.0},
+            ["n", "E_r"],
+            marks=pytest.mark.slow,
+        ),
         (
             {"n_i": 0.3, "omega_xy0": 0.1, "t_end": 60.0, "mu": 0.1},
             ["omega_y", "v_slip"],

@@ -243,6 +243,7 @@ def test_observations_do_not_change_a_run():
     assert (further.slide_time > plain.slide_time).any()
 
 
+@pytest.mark.slow
 def test_a_run_can_be_followed_through_its_slides():
     runs = with_mu(kernels.full_batch(GH, 0.3, 0.1, t_end=60.0), 0.3)
     out = integrate(runs, DOP853, SLIDING["full"])

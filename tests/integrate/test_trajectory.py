@@ -276,6 +276,7 @@ def test_a_dead_body_is_followed_to_the_horizon():
     assert found.zeros.max() < 100
 
 
+@pytest.mark.slow
 def test_the_contact_point_of_a_body_that_may_slide():
     omega = (0.1, -0.05, -0.3)
     u = np.array([0.06, 0.08, -np.sqrt(0.99)])
