@@ -31,6 +31,7 @@ from numba import njit
 
 from rattlesweep.integrate.lanes import inside, pivots, runs, slides
 from rattlesweep.integrate.lanes.lane import (
+    DIFFERENCE,
     INNER,
     ROLLING,
     Mode,
@@ -62,7 +63,7 @@ def no_limit(lane, h, y, f):
 @scalar
 def limit_of_model(lane, h, y, f):
     """Return the limit of the model."""
-    ahead = runs.DIFFERENCE / lane.swing
+    ahead = DIFFERENCE / lane.swing
     limit = lane.problem.model.limit
     now = limit(y, lane.constants)
     later = limit(moved(y, f, ahead), lane.constants)
@@ -84,7 +85,7 @@ def below_rim(lane, y):
 @scalar
 def limit_at_rim(lane, h, y, f):
     """Return the height that is left below the rim."""
-    ahead = runs.DIFFERENCE / lane.swing
+    ahead = DIFFERENCE / lane.swing
     now = below_rim(lane, y)
     later = below_rim(lane, moved(y, f, ahead))
     return Point(h, now, (later - now) / ahead)

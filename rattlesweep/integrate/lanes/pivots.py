@@ -20,6 +20,7 @@ from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import REVERSED
 from rattlesweep.integrate.lanes.inside import may_fall
 from rattlesweep.integrate.lanes.lane import (
+    DIFFERENCE,
     HELD,
     INNER,
     KEPT_APART,
@@ -76,7 +77,7 @@ def margin(lane, y):
 @scalar
 def held_point(lane, h, y, f):
     """Return the limit of a spin that is held, positive while it is."""
-    ahead = runs.DIFFERENCE / lane.swing
+    ahead = DIFFERENCE / lane.swing
     now = margin(lane, y)
     later = margin(lane, moved(y, f, ahead))
     return Point(h, now, (later - now) / ahead)

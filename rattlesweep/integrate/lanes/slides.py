@@ -36,6 +36,7 @@ from rattlesweep.integrate.lanes.inside import (
     turned_over,
 )
 from rattlesweep.integrate.lanes.lane import (
+    DIFFERENCE,
     INNER,
     NEVER,
     ROLLING,
@@ -411,7 +412,7 @@ def note_forces(lane, z, column):
         normal_rate += END_RATES[i] * forces[i] / lane.h
         margin_rate += END_RATES[i] * forces[STAGES + i] / lane.h
     left = lane.problem.modes.left
-    ahead = runs.DIFFERENCE / lane.swing
+    ahead = DIFFERENCE / lane.swing
     height = left(lane, lane.y1)
     later = left(lane, moved(lane.y1, lane.f1, ahead))
     rate = margin_rate * height + margin * (later - height) / ahead
@@ -424,7 +425,7 @@ def note_forces(lane, z, column):
 @njit(fastmath=FASTMATH, **INNER)
 def set_limit(lane):
     """Set the limit and the forces where a slide begins or its speed is zero."""
-    ahead = runs.DIFFERENCE / lane.swing
+    ahead = DIFFERENCE / lane.swing
     slip = lane.slip1
     now = motion_of(lane, lane.y1, slip)
     state = moved(lane.y1, now.f, ahead)
@@ -516,7 +517,8 @@ def fall_to_rest(lane):
     falls = now.slip.speed < 0.0
     if not falls or abs(now.slip.angle * rest * rest * lane.swing) < SETTLED:
         return now.f, slip.angle + rest * now.slip.angle, rest, falls
-    path = moved(now.f, now.f, -1.0)
+    nothing = moved(now.f, now.f, -1.0)
+    path = nothing
     time = 0.0
     for _ in range(FALLS):
         rest = -slip.speed / now.slip.speed
@@ -537,8 +539,7 @@ def fall_to_rest(lane):
     rest = -slip.speed / now.slip.speed
     path = moved(path, now.f, rest)
     time += rest
-    mean = moved(now.f, now.f, -1.0)
-    return moved(mean, path, 1.0 / time), slip.angle, time, falls
+    return moved(nothing, path, 1.0 / time), slip.angle, time, falls
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -725,9 +726,9 @@ def sliding_lanes(problem, w):
         lane = lane_of(problem, w, l)
         lane.stretch = 0.0
         others += 1 if (lane.refused > 0.0) | (lane.mode == SLIDING) else 0
-    bits = 0
     if others == 0:
-        return bits
+        return 0
+    bits = 0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         if lane.refused > 0.0:
@@ -804,7 +805,7 @@ def hold_point(lane, h, y, f):
     Of a body with a rim it is multiplied by the height that is left below the rim, so
     that one search finds the first zero of both.
     """
-    ahead = runs.DIFFERENCE / lane.swing
+    ahead = DIFFERENCE / lane.swing
     contact = lane.problem.model.contact
     left = lane.problem.modes.left
     normal, tangential = contact(y, lane.constants)
