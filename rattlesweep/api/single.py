@@ -30,7 +30,10 @@ if TYPE_CHECKING:
 
 # A number, or text with an SI unit such as "60 rpm".
 NumberOrText: TypeAlias = "float | str"
+# Columns of a full state.
 _STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
+# Arguments that are keys of the section `integrator` of a config; its `dt` is `dt_step`
+# here.
 INTEGRATOR = ("method", "tol", "dt_step", "accuracy")
 LAUNCH_ARGUMENTS = (
     *INITIAL_RATES,
@@ -153,10 +156,11 @@ def simulate(
     ----------
     body : Rattleback, str, sequence or array of these, or DataFrame
         A text is the name of a preset, ``"GH"`` or ``"KL"``.  A table, such as the runs
-        of a sweep, has the columns ``alpha beta gamma theta phi xi`` and may have ``n_i
-        omega_xy0 psi t_end``, which count unless `n_i` and `omega_xy0` are given; then
-        only the ``t_end`` of a table without launches counts.  Angles are in radians,
-        ``psi``, too, unlike the argument.
+        of a sweep, has the columns ``alpha beta gamma theta phi xi``.  It may have the
+        launches, as columns ``n_i omega_xy0 psi t_end``.  Arguments that give a launch
+        replace those of the table, with their horizons; a column ``t_end`` beside no
+        launches is kept.  Angles in tables are in radians, ``psi`` too, unlike the
+        argument.
     n_i, omega_xy0 : array_like
         Initial spin and oscillation, in ``sqrt(g/a)``; ``n_i=0`` is a tap, by default
         on the pitch.
@@ -164,7 +168,8 @@ def simulate(
         A full state instead, along the body's axes: angular velocity, in ``sqrt(g/a)``,
         and vertical unit vector, by default ``(0, 0, -1)`` (upright).
     t_end : array_like, optional
-        Horizon, in ``sqrt(a/g)``, by default 5 t_rGH of the spin's own direction.
+        Horizon, in ``sqrt(a/g)``, by default 5 t_rGH of the spin's own direction.  It
+        replaces the column ``t_end`` of a table.
     psi : array_like, optional
         Direction of the oscillation: ``relevant`` (default), ``pitch``, ``roll``, or
         degrees.  The column ``psi`` of the result is in radians.
@@ -177,12 +182,16 @@ def simulate(
     progress : bool, optional
         Whether to show a bar, by default in a terminal and in a notebook.
     **settings
-        Dissipation, by the names of the config: arrays of ``sigma``, the coefficient of
-        a torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``, and of ``rolling``, the lever
-        of a rolling resistance, and of ``pivot``, the lever of the torque against
-        pivoting, both in ``a``, and ``mu``, the coefficient of sliding friction,
-        without which the foot never slides.  Integrator: ``method`` with
-        ``tol`` or ``dt_step``, or an ``accuracy``: ``"draft"``, ``{"t_r": 1e-6}``.
+        Dissipation and integrator, by the names of the config's keys:
+
+        - ``sigma`` : array_like, coefficient of a torque ``-sigma omega``, in ``M a^2
+          sqrt(g/a)``
+        - ``rolling`` : array_like, lever of a rolling resistance, in ``a``
+        - ``pivot`` : array_like, lever of the torque against pivoting, in ``a``
+        - ``mu`` : array_like, coefficient of sliding friction; without it the foot
+          never slides
+        - ``method`` : str, with its ``tol`` or ``dt_step``
+        - ``accuracy`` : ``"draft"`` or a mapping such as ``{"t_r": 1e-6}``, instead
 
     Examples
     --------
@@ -197,14 +206,15 @@ def simulate(
     integrator = {name: settings[name] for name in INTEGRATOR if name in settings}
     losses = {name: settings[name] for name in LOSSES if name in settings}
     check_count("threads", threads)
+    spin = {"n_i": n_i, "omega_xy0": omega_xy0}
     columns, shape = _columns_of_runs(
-        body, {"n_i": n_i, "omega_xy0": omega_xy0}, omega, u, t_end, psi, losses
+        body, spin=spin, omega=omega, u=u, t_end=t_end, psi=psi, losses=losses
     )
     _doubt_taps(columns)
     names = arguments.names_of("record", record)
-    plan = plan_of_rows(_rows_of_runs(columns), model, integrator, names, {})
+    plan = plan_of_rows(_rows_of_runs(columns), model, integrator, names)
     if not shape:
-        threads = 1
+        threads = 1  # one run is not shared out
     table = _integrated(plan, threads, progress)
     if not shape:
         return Run(**table.to_pylist()[0], units=arguments.units_of(table.schema))
@@ -217,6 +227,7 @@ def simulate(
 
 def _columns_of_runs(
     body: BodiesLike,
+    *,
     spin: Mapping[str, ArrayLike | None],
     omega: ArrayLike | None,
     u: ArrayLike | None,
@@ -249,7 +260,7 @@ def _columns_of_runs(
         arrays |= arguments.full_states(omega, u, units)
     if psi is not None and not isinstance(psi, str):
         arrays["psi"] = np.radians(numbers("psi", psi))
-    columns, shape = arguments.broadcast(_launched(columns, arrays, psi))
+    columns, shape = arguments.broadcast(_with_launches(columns, arrays, psi))
     columns = {name: column.ravel() for name, column in columns.items()}
     if is_full:
         columns |= launched_from(columns, "launch")
@@ -274,19 +285,13 @@ def _rows_of_runs(columns: Mapping[str, Floats]) -> TableBodies:
     from rattlesweep.design.bodies.table import TableBodies
 
     units = arguments.column_units(columns)
-    of_size = set(arguments.SIZE_COLUMNS)
-    if units is None:
-        of_size = {"rim"}
+    others = dict(columns)
     sizes = {
-        name: columns[name]
-        for name in arguments.SIZE_COLUMNS
-        if name in columns and name in of_size
+        name: others.pop(name) for name in arguments.SIZE_COLUMNS if name in columns
     }
-    others = {
-        name: column
-        for name, column in columns.items()
-        if name not in arguments.SIZE_COLUMNS
-    }
+    if units is None:
+        # A mass alone is no size.
+        sizes = {name: size for name, size in sizes.items() if name == "rim"}
     return TableBodies(others, units, sizes)
 
 
@@ -344,7 +349,7 @@ def launch_of(
     )
 
 
-def _launched(
+def _with_launches(
     columns: dict[str, Floats], arrays: dict[str, Floats], psi: object
 ) -> dict[str, Floats]:
     """Return the columns of bodies with the launches, or else those of their table."""

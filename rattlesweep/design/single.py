@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -95,7 +96,7 @@ def plan_of_rows(
     model: str,
     integrator: Mapping[str, object],
     record: Sequence[str],
-    keys: Mapping[str, object],
+    keys: Mapping[str, object] = MappingProxyType({}),
 ) -> Plan:
     """Return the plan of bodies in memory, by default up to 5 t_rGH.
 

@@ -39,7 +39,7 @@ def reversal_times(
     if count > MOST_REVERSALS:
         # A kernel stores no more.
         return [_followed(launch, count) for launch in launches]
-    plan = plan_of_rows(TableBodies(_columns(launches)), "full", {}, ["reversals"], {})
+    plan = plan_of_rows(TableBodies(_columns(launches)), "full", {}, ["reversals"])
     rows = np.arange(len(launches))
     prepared = prepare_launches(plan, np.zeros_like(rows), rows)
     settings = plan.config.integrator
