@@ -2,7 +2,7 @@
 
 import os
 import threading
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers, put, spread, take
 from rattlesweep.integrate import SettingError, processors
-from rattlesweep.integrate.compile import Kernel, Order, load_kernels
-from rattlesweep.integrate.lanes import kernel, modes, runs, slides
+from rattlesweep.integrate.compile import Compiled, Kernel, Order, load_kernels
+from rattlesweep.integrate.lanes import kernel, looks, modes, runs, slides
 from rattlesweep.integrate.lanes.block import block_of
 from rattlesweep.integrate.lanes.lane import INNER, LANES, Problem, addresses_of
 from rattlesweep.integrate.lanes.marks import MARKS
@@ -46,6 +46,8 @@ PLATEAU_SHARE = 0.25
 # Height of a rim that is never reached; products with a power of two keep their digits.
 NO_RIM = 2.0**100
 RECORDINGS = Recording._fields
+# Observations for which steps are looked into (`kernel.looks_within`).
+LOOKED_INTO = {"contact", "reversals", "marks"} | {mark.name for mark in MARKS}
 
 
 @cache
@@ -85,7 +87,7 @@ def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
 FLAT = np.zeros(0)
 TABLE = np.zeros((0, 1))
 WHOLE = np.zeros(0, dtype=np.int64)
-NO_PARTS = np.zeros(2, dtype=np.int64)
+NO_PARTS = np.zeros(4, dtype=np.int64)
 INPUTS = Inputs(TABLE, TABLE, TABLE, np.zeros(0, runs.PLAN))
 SETTINGS = kernel.Options(1.0, 1.0, 1.0)
 NOTHING = Recording(*(np.zeros((0, 1, 1)) for _ in RECORDINGS))
@@ -130,10 +132,45 @@ def slide_recipe(model_name: str, rim: str = "") -> Kernel:
     return Kernel(slides.slide_lanes, (problem, FLAT, 1.0, True, 0), INNER)
 
 
+def look_recipe(model_name: str) -> Kernel:
+    """Return :func:`looks.look_within` for a model, which serves all methods."""
+    problem = problem_of(find_model(model_name), True)
+    times = NOTHING.marks
+    arguments = problem, FLAT, looks.ROLLED, True, True, times
+    return Kernel(looks.look_within, arguments, INNER)
+
+
 def drive_recipe() -> Kernel:
     """Return :func:`kernel.drive`, which starts the threads of all kernels."""
     options = {"parallel": True, "nogil": True}
     return Kernel(kernel.drive, (0, NO_PARTS, 1, TABLE, *SHARED), options)
+
+
+def parts_of(
+    tableau: Tableau, model: Model, record: Collection[str], *, rimmed: bool
+) -> list[Order | None]:
+    """Return the parts of a kernel by their indices, None for one it does not call."""
+    # Steps integrate the rate of phase volume as well if it is recorded.
+    extra = ("volume",) if "volume" in record else ()
+    rim = ("rimmed",) if rimmed else ()
+    parts: list[Order | None] = [
+        (attempt_recipe, tableau.name, model.name, *extra),
+        (decide_recipe, tableau.adaptive),
+        None,
+        None,
+    ]
+    if not LOOKED_INTO.isdisjoint(record):
+        parts[kernel.LOOK] = look_recipe, model.name
+    if model.slide is not None:
+        parts[kernel.SLIDE] = (slide_recipe, model.name, *rim)
+    return parts
+
+
+def addresses(
+    called: list[Order | None], loaded: Mapping[Order, Compiled]
+) -> NDArray[Any]:
+    """Return the addresses of parts, 0 for those that are not called."""
+    return addresses_of(*(loaded[order] if order else None for order in called))
 
 
 def threaded_kernel(
@@ -159,25 +196,18 @@ def threaded_kernel(
         model = TANGENT
     if "spectrum" in record:
         model = FRAME
-    # Steps integrate the rate of phase volume as well if it is recorded.
-    extra = ("volume",) if "volume" in record else ()
     rim = ("rimmed",) if rimmed else ()
-    orders: list[Order] = [
-        (work_recipe, model.name, tableau.adaptive, *rim),
-        (attempt_recipe, tableau_name, model.name, *extra),
-        (decide_recipe, tableau.adaptive),
-    ]
-    if model.slide is not None:
-        orders.append((slide_recipe, model.name, *rim))
-    pieces = len(orders)
+    work: Order = (work_recipe, model.name, tableau.adaptive, *rim)
+    called = parts_of(tableau, model, record, rimmed=rimmed)
+    orders = [work, *filter(None, called)]
     threaded = parallel()
     if threaded:
         orders.append((drive_recipe,))
     # All are loaded together, so that they are compiled in parallel.
-    loaded = load_kernels(*orders)
-    working = loaded[0]
-    parts = addresses_of(*loaded[1:pieces])
-    driving = loaded[-1]
+    loaded = dict(zip(orders, load_kernels(*orders), strict=True))
+    working = loaded[work]
+    parts = addresses(called, loaded)
+    driving = loaded[orders[-1]]
 
     def call(threads: int, shared: tuple[object, ...]) -> None:
         w = workspace(tableau, model, threads)

@@ -28,7 +28,6 @@ from rattlesweep.integrate.lanes.lane import (
     ROLLING,
     SLIDING,
     Slip,
-    addresses_of,
     call,
     first_of,
     lane_of,
@@ -357,24 +356,22 @@ class Follower:
         rim = ("rimmed",) if rimmed else ()
         record: Order = (steps_recipe, model.name, tableau.adaptive, *rim)
         look: Order = (observe_recipe, model.name)
-        decide: Order = (batches.decide_recipe, tableau.adaptive)
-        orders = [record, look, decide]
-        parts: list[list[Order]] = []
+        orders = [record, look]
+        parts: list[list[Order | None]] = []
         states: list[Order] = []
         for each in self._models:
-            attempt = batches.attempt_recipe, tableau.name, each.name
-            own: list[Order] = [attempt, decide]
-            if each.slide is not None:
-                own.append((batches.slide_recipe, each.name, *rim))
+            # Of the attitude's model no steps are taken.
+            recorded = self._recorded if each is model else ()
+            own = batches.parts_of(tableau, each, recorded, rimmed=rimmed)
             parts.append(own)
             states.append((states_recipe, each.name))
-            orders += [*own, states[-1]]
+            orders += [*filter(None, own), states[-1]]
         # Loaded together, so that they are compiled in parallel.
         loaded = dict(zip(orders, load_kernels(*orders), strict=True))
         self._kernel = loaded[record]
         self._observe = loaded[look]
         self._states = [loaded[order] for order in states]
-        self._parts = [addresses_of(*(loaded[order] for order in own)) for own in parts]
+        self._parts = [batches.addresses(own, loaded) for own in parts]
         # No window ends, so no amplitudes are compared.
         endless = replace(
             batch, window=np.full(1, NEVER), first_comparison=np.full(1, NEVER)

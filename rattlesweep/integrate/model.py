@@ -766,7 +766,8 @@ def _place_with_pivoting(y, creep, constants):
     rates, u, omega, r, w, inertia, torque, (x, y_, z) = _place_in_any_position(
         y, creep, constants[:10]
     )
-    px, py, pz = pivoting.sliding_drag(u, stone.dot(u, omega), constants[10], creep)
+    _, _, _, _, _, _, _, _, _, _, lever, least = constants
+    px, py, pz = pivoting.sliding_drag(u, stone.dot(u, omega), lever, creep, least)
     return rates, u, omega, r, w, inertia, torque, (x + px, y_ + py, z + pz)
 
 

@@ -23,9 +23,13 @@ from rattlesweep.physics.stone import dot, rolling_couples, solve_again, triple
 N_STATE = 7  # with the work of all friction and that of pivoting
 # Rate, in sqrt(g/a), at which rounding errors of a spin that is held decay.
 RETURN = 1.0
-# Speed of sliding, in sqrt(g a), that is added to the others in `share_of_lever`: the
-# spin's decay is stiff where both it and the speed are small.
-LEAST_SPEED = 1e-9
+# Where spin and speed of sliding are small, the decay of the spin is stiff.  So the
+# creep, ``mu`` times this speed, counts as the root of its square and that of a least
+# creep, which is the last constant of a body that slides.  This is the largest.
+LEAST_CREEP = 1e-10
+# Largest `slip_of_patch` of a foot that is about to slide.  To the square of it, the
+# torque is the one without sliding.
+LEAST_SLIP = 1e-5
 # Largest share of the lever in `spin_of_share`; the spin is infinite at 1.
 MOST_SHARE = 0.999999
 
@@ -77,12 +81,20 @@ def slip_of_patch(n, lever, creep):
 
 
 @scalar
-def sliding_drag(u, n, lever, creep):
+def least_creep(n, lever):
+    """Return the least creep of a body that begins to slide with the spin ``n``."""
+    unit_slip = (16.0 / (3.0 * pi)) * lever * abs(n)
+    return min(LEAST_CREEP, LEAST_SLIP * unit_slip)
+
+
+@scalar
+def sliding_drag(u, n, lever, creep, least):
     """Return the torque of pivoting per normal force of a body that slides.
 
-    ``creep`` is ``mu`` times the speed of sliding.
+    ``creep`` is ``mu`` times the speed of sliding, ``least`` that of the least speed.
     """
-    share = -lever * share_of_lever(slip_of_patch(n, lever, creep))
+    smooth = sqrt(creep * creep + least * least)
+    share = -lever * share_of_lever(slip_of_patch(n, lever, smooth))
     if n < 0.0:
         share = -share
     if n == 0.0:
@@ -227,9 +239,9 @@ def rhs_of(parts: Callable[..., Any]) -> Callable[..., Any]:
 @scalar
 def pivoting_couples(u, omega, loss, creep):
     """Return the couples on a body that slides: viscous, and of the patch."""
-    sigma, _, _, lever, _ = loss
+    sigma, _, _, lever, least = loss
     a, b, c = omega
-    drag = sliding_drag(u, dot(u, omega), lever, creep)
+    drag = sliding_drag(u, dot(u, omega), lever, creep, least)
     return (-sigma * a, -sigma * b, -sigma * c), drag
 
 
@@ -237,5 +249,6 @@ def pivoting_couples(u, omega, loss, creep):
 def rolling_pivoting_couples(u, omega, loss, creep):
     """Return what :func:`pivoting_couples` does, with rolling resistance."""
     couple, (rx, ry, rz) = rolling_couples(u, omega, loss[:3], 0.0)
-    px, py, pz = sliding_drag(u, dot(u, omega), loss[3], creep)
+    _, _, _, lever, least = loss
+    px, py, pz = sliding_drag(u, dot(u, omega), lever, creep, least)
     return couple, (rx + px, ry + py, rz + pz)

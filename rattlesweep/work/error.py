@@ -3,7 +3,8 @@
 With d = abs(t_r'/t_r - 1), where t_r' is the reversal time of the companion, and s the
 distance of the two states at their reversals in the norm of the step control,
 
-    t_r_error / t_r = (floor + near r) tol + slope T (d + share s / sqrt(N)) + C + G,
+    t_r_error / t_r
+        = (floor + near r) tol + slope T (d + share s / sqrt(N)) + C + G + S,
     T = max((r + near r^2)^power, P),   P = min(1, (s / PARTED)^2),
     r = tol / tol',   N = n_steps / 1000,
 
@@ -11,8 +12,9 @@ The estimate is at most 1, and is 1 if the companion does not reverse.  The seco
 scales the difference down to the tighter tolerance as long as the two runs stay
 together (small s), and takes all of it once they have parted.  Too often d alone is
 small by chance; s, which has several components, is not.  C is P^2 in the unsteady
-direction, where runs that part are chaotic, and 0 in the other.  G is one swing of the
-spin if an extremum of the spin touches zero within the tolerance.
+direction, where runs that part are chaotic, and 0 in the other.  G is a swing of the
+spin, or several, if an extremum of the spin touches zero within the tolerance.  S is a
+constant if the run slides: errors of slides fall no further.
 
 **Swinging launches** hold most of their energy in the oscillation, often in the slower
 of two modes.  The tolerance is relative to both modes together.  So a companion would
@@ -434,8 +436,16 @@ def _relative_error(
     relative = scale.common + scale.fit.slope * carried * (difference + weight * apart)
     relative += np.where(_is_unsteady(batch, model), parted**2, 0.0)
     one_swing = 2 * np.pi / batch.swing / runs.t_r
-    relative += np.where(pair.grazes > 0, one_swing, 0.0)
+    relative += np.where(pair.grazes > 0, scale.fit.swings * one_swing, 0.0)
+    relative += _error_of_slides(runs, scale)
     return np.minimum(relative, 1.0)
+
+
+def _error_of_slides(runs: Outcome, scale: _Scale) -> Floats | float:
+    """Return S of the formula."""
+    if not len(runs.n_slides):  # the model has no slides
+        return 0.0
+    return np.where(runs.n_slides > 0, scale.fit.slides, 0.0)
 
 
 def _parted(apart: Floats | float) -> Floats:
@@ -525,6 +535,7 @@ def _with_turns(
     parted = np.minimum(1.0, (largest / TURN_PARTED) ** 2)
     carried = np.maximum(scale.carried(scale.ratio), parted)
     relative = scale.common + TURN_SLOPE * carried * largest
+    relative += np.reshape(_error_of_slides(to_horizon, scale), (-1, 1))
     # If the spin returns after its first zero, it turns at a later zero, which is less
     # certain.
     returned = times[:, :1] / t_r - 1.0

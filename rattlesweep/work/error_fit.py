@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from rattlesweep.design.config.schema import Config
 from rattlesweep.errors import ConfigError
+from rattlesweep.quantities import COUPLE_CONSTANTS, law_of
 
 TIGHTEST = 1e-14  # tolerance below which rounding dominates the error of a step
 
@@ -18,6 +19,8 @@ class ErrorFit(NamedTuple):
     power: float = 1.0
     looser: float = 2e3  # ratio of the companion's tolerance to the run's
     tightest: float = TIGHTEST  # tolerance below which the floor does not fall
+    slides: float = 0.0  # relative error of runs that slide, at any tolerance
+    swings: float = 1.0  # of the spin, by which a zero may move that it only touches
 
 
 FITS = {
@@ -34,8 +37,21 @@ _ROLLING = ErrorFit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
 _SLIDING = ErrorFit(
     floor=0.3, near=5.0, slope=6.0, share=0.0015, power=0.9, looser=300.0
 )
-# Where the patch of contact begins to slide, errors have any sign.
-_PIVOTING_SLIDING = ErrorFit(floor=0.85, near=0.0, slope=12.0, power=0.95, looser=100.0)
+# The patch of contact turns while it slides: the torque has kinks, and errors have any
+# sign.
+_PIVOTING_SLIDING = ErrorFit(
+    floor=0.9,
+    near=0.0,
+    slope=6.0,
+    share=0.0015,
+    power=0.95,
+    looser=30.0,
+    slides=4e-12,
+    swings=2.0,
+)
+_ROLLING_PIVOTING = ErrorFit(
+    floor=3.3, near=0.0, slope=9.5, share=0.005, looser=30.0, swings=2.0
+)
 MOTION_FITS: dict[tuple[str, str], ErrorFit | None] = {
     ("paraboloid", ""): None,
     # Its large swings are harder to integrate.
@@ -49,10 +65,14 @@ MOTION_FITS: dict[tuple[str, str], ErrorFit | None] = {
     ("paraboloid", "sliding"): _SLIDING,
     ("ellipsoid", "sliding"): _SLIDING,
     ("paraboloid", "pivoting and sliding"): _PIVOTING_SLIDING,
+    ("ellipsoid", "pivoting and sliding"): _PIVOTING_SLIDING,
+    ("paraboloid", "rolling_pivoting"): _ROLLING_PIVOTING,
+    ("ellipsoid", "rolling_pivoting"): _ROLLING_PIVOTING,
 }
 """Constants by surface and friction, None for those of the method.
 
-A viscous couple changes nothing.  Others have no estimate.
+A viscous couple changes nothing.  Others have no estimate: steps of slides do not see
+the kinks of rolling resistance, and an estimate that covers the errors is too large.
 """
 
 
@@ -64,32 +84,49 @@ def fit_of(config: Config) -> ErrorFit:
             f"integrator.method: errors are not calibrated for {method}; leave out "
             f"record: [error] and accuracy, or use {' or '.join(FITS)}"
         )
-    surface = config.bodies.bottom
-    losses = config.dissipation
-    parts = []
-    if losses.law not in (None, "viscous"):
-        parts.append(str(losses.law))
-    if losses.slides:
-        parts.append("sliding")
-    friction = " and ".join(parts)
-    if (surface, friction) not in MOTION_FITS:
+    motion = motion_of(config)
+    if motion not in MOTION_FITS:
         raise ConfigError(_refusal(config))
-    return MOTION_FITS[surface, friction] or FITS[method]
+    return MOTION_FITS[motion] or FITS[method]
+
+
+def motion_of(config: Config, without: str = "") -> tuple[str, str]:
+    """Return the surface and the friction of a sweep, a key of `MOTION_FITS`.
+
+    A constant of friction can be left out.
+    """
+    names = [name for name in config.dissipation.present if name != without]
+    parts = []
+    if COUPLE_CONSTANTS.intersection(names):
+        law = law_of(names)
+        if law != "viscous":
+            parts.append(str(law))
+    if "mu" in names:
+        parts.append("sliding")
+    return config.bodies.bottom, " and ".join(parts)
 
 
 def _refusal(config: Config) -> str:
     """Say that there are no constants for the surface and the friction of a sweep."""
     names = [name for name in config.dissipation.present if name != "sigma"]
-    friction = " and ".join(names)
     key = "record"
     asked = "error"
     if config.integrator.goal is not None:
         key = "integrator.accuracy"
         asked = "accuracy"
     what = config.bodies.bottom
-    leave_out = asked
     if names:
-        what += f" with {friction}"
-    if len(names) > 1:
-        leave_out += f", or one of {friction}"
+        what += f" with {_listed(names, 'and')}"
+    removable = [asked]
+    for name in names:
+        if motion_of(config, without=name) in MOTION_FITS:
+            removable.append(name)
+    leave_out = _listed(removable, "or")
     return f"{key}: errors are not calibrated for {what}; leave out {leave_out}"
+
+
+def _listed(names: list[str], word: str) -> str:
+    """Return names as in ``rolling, pivot and mu``."""
+    if len(names) == 1:
+        return names[0]
+    return f"{', '.join(names[:-1])} {word} {names[-1]}"

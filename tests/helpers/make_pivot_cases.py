@@ -20,6 +20,21 @@ LEVERS = (5e-4, 1e-3, 2e-3, 6e-3)
 TOLERANCES = (1e-11, 1e-12)
 ACCEPTED = 1e-9  # relative for t_r
 ACCEPTED_SLIDING = 1e-7
+# Bodies, spin, push, psi, lever and horizon.
+# fmt: off
+CROWDED = (
+    (5.8497834356185425, 1.4694161812728757, 5.319199616891418, 0.8880751663590318,
+     0.042978131454888296, -0.017305118710683985,
+     0.3, 0.01, -0.06997273515623523, 0.002, 185.0),
+    (14.512139306145432, 1.8306808978621427, 14.342820204007575, 0.7339897963744044,
+     0.0819068245965201, -0.02533283335059677,
+     0.3, 0.01, -0.2551990385878244, 0.002, 172.0),
+    (6.621855920221321, 1.3184963985097964, 5.940352318731118, 0.8880608374159337,
+     0.09172299450757342, -0.056646107203958976,
+     0.3, 0.1, -0.2915961243590241, 0.0005, 60.0),
+)
+# fmt: on
+PARAMETERS = "alpha", "beta", "gamma", "theta", "phi", "xi"
 NUMBERS = (
     "t",
     "t_held",
@@ -123,8 +138,20 @@ def heavy_taps():
         yield case(oracle.GH, 0.0, push, lever, t_end, psi=mode, mu=mu)
 
 
+def crowded():
+    """Yield launches with a slide that begins where the spin is small.
+
+    In the second and third one, the spin and the friction that is left change their
+    signs soon after each other.
+    """
+    for row in CROWDED:
+        body = dict(zip(PARAMETERS, row[:6], strict=True))
+        n_i, push, psi, lever, t_end = row[6:]
+        yield case(body, n_i, push, lever, t_end, psi=psi, mu=0.3)
+
+
 def every():
-    return [*known(), *taps(), *drawn(), *mirrored(), *heavy_taps()]
+    return [*known(), *taps(), *drawn(), *mirrored(), *heavy_taps(), *crowded()]
 
 
 def numbers(snapshot):

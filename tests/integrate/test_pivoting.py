@@ -9,6 +9,8 @@ import oracle
 import pytest
 
 from rattlesweep.integrate.batch import integrate
+from rattlesweep.integrate.lanes import inside
+from rattlesweep.integrate.lanes.lane import Point
 from rattlesweep.integrate.model import FRICTION, FULL, FULL_ELLIPSOID, VECTORS_PIVOTING
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
@@ -127,5 +129,41 @@ def test_spin_at_which_a_sliding_patch_has_a_torque(share):
     lever = 0.02
     creep = 3e-10
     n = pivoting.spin_of_share(share, lever, creep)
-    _, _, torque = pivoting.sliding_drag((0.0, 0.0, 1.0), n, lever, creep)
+    _, _, torque = pivoting.sliding_drag((0.0, 0.0, 1.0), n, lever, creep, 0.0)
     assert torque == pytest.approx(-share * lever, rel=1e-12)
+
+
+@pytest.mark.parametrize("spin", [1e-8, -3e-6, 0.1])
+def test_a_foot_that_begins_to_slide_has_the_torque_it_had(spin):
+    lever = 0.002
+    least = pivoting.least_creep(spin, lever)
+    vertical = 0.0, 0.0, 1.0
+    _, _, torque = pivoting.sliding_drag(vertical, spin, lever, 0.0, least)
+    assert torque == pytest.approx(-math.copysign(lever, spin), rel=2e-10)
+    # A speed of sliding that is not small counts as it is.
+    _, _, slid = pivoting.sliding_drag(vertical, spin, lever, 1e-4, least)
+    _, _, wanted = pivoting.sliding_drag(vertical, spin, lever, 1e-4, 0.0)
+    assert slid == pytest.approx(wanted, rel=1e-12)
+
+
+def test_a_combined_limit_is_positive_only_where_both_are():
+    values = np.linspace(-1.0, 1.0, 41)
+    first, second = np.meshgrid(values, values)
+    combined = np.vectorize(inside.both)(first, second)
+    inner = (first > 0) & (second > 0)
+    np.testing.assert_array_equal(combined[inner], (first * second)[inner])
+    border = ((first == 0) & (second >= 0)) | ((second == 0) & (first >= 0))
+    assert (combined[border] == 0).all()
+    assert (combined[~inner & ~border] < 0).all()
+
+
+def test_rate_of_a_combined_limit():
+    """It is the derivative, on both sides of each zero."""
+    ahead = 1e-6
+    for first in (-0.3, 0.2):
+        for second in (-0.1, 0.4):
+            points = Point(0.0, first, 0.7), Point(0.0, second, -0.5)
+            before = inside.both(first - 0.7 * ahead, second + 0.5 * ahead)
+            after = inside.both(first + 0.7 * ahead, second - 0.5 * ahead)
+            slope = (after - before) / (2 * ahead)
+            assert inside.both_of(*points).rate == pytest.approx(slope, rel=1e-8)

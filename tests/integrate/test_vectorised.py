@@ -11,7 +11,7 @@ import kernels
 import pytest
 from numba import float64, typeof
 
-from rattlesweep.integrate.lanes import kernel, runs, tangents
+from rattlesweep.integrate.lanes import kernel, looks, runs, tangents
 from rattlesweep.integrate.model import MODELS, TANGENT
 from rattlesweep.integrate.tableau import METHODS
 
@@ -46,8 +46,8 @@ PIECES = {
     "commit": (kernel.commit, (float64[::1],)),
     "advance": (runs.advance, (float64[::1],)),
     "advance_tangent": (tangents.advance_tangent, (float64[::1],)),
-    "observe_contact": (runs.observe_contact, (float64[::1],)),
-    "observe_spin": (runs.observe_spin, (float64[::1],)),
+    "observe_contact": (looks.observe_contact, (float64[::1],)),
+    "observe_spin": (looks.observe_spin, (float64[::1],)),
 }
 
 

@@ -17,6 +17,7 @@ from sweeping import changed, plan_of
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import available_threads
+from rattlesweep.store.merge import merge
 from rattlesweep.store.rows import open_stored, same_bits
 from rattlesweep.work.job import Job, Keys
 from rattlesweep.work.run import Shard, integrate_plan, local
@@ -67,12 +68,17 @@ def test_blocks_and_threads_and_the_order_of_blocks(rows, threads, whole, tmp_pa
     check_equal(tmp_path, whole)
 
 
+SLIDES = ["t_slide", "n_slides", "slide_work"]
+HOLDS = ["t_held", "held_time", "pivot_work"]
+ERRORS = ["t_r_error", "n_departure_error"]
+# Losses, what is recorded, and columns of each kind of friction.
 FRICTION = {
-    "mu": ({"mu": [0.2, 0.4]}, ["t_slide", "slide_work"]),
-    "pivot": ({"pivot": [2e-3, 1e-2]}, ["t_held", "held_time", "pivot_work"]),
+    "mu": ({"mu": [0.2, 0.4]}, ["contact"], SLIDES),
+    "pivot": ({"pivot": [2e-3, 1e-2]}, ["contact"], HOLDS),
     "both": (
         {"mu": [0.1, 0.3], "pivot": 2e-3},
-        ["t_slide", "slide_work", "t_held", "held_time", "pivot_work"],
+        ["contact", "error"],
+        [*SLIDES, *HOLDS, *ERRORS],
     ),
 }
 
@@ -82,11 +88,11 @@ FRICTION = {
 )
 def test_runs_with_friction(name, tmp_path):
     """They slide, or their spin is held, each at times of its own."""
-    losses, columns = FRICTION[name]
-    config = changed(FULL, dissipation=losses, record=["contact"])
+    losses, record, columns = FRICTION[name]
+    config = changed(FULL, dissipation=losses, record=record)
     sweep(tmp_path / "whole", config, threads=1)
     rows = open_stored(tmp_path / "whole").read().to_pandas()
-    for column, least in (("t_slide", 0.5), ("t_held", 0.2)):
+    for column, least in (("t_slide", 0.4), ("t_held", 0.2)):
         if column in columns:
             assert rows[column].notna().mean() > least
     for index in (1, 2, 0):
@@ -95,6 +101,11 @@ def test_runs_with_friction(name, tmp_path):
         engine = cut(7, dice=random.Random(2))
         sweep(tmp_path / "cut", config, shard=shard, threads=threads, engine=engine)
     check_equal(tmp_path / "cut", tmp_path / "whole")
+    halves = [tmp_path / "half-0", tmp_path / "half-1"]
+    for index, half in enumerate(halves):
+        sweep(half, config, shard=Shard(index, 2), engine=cut(11))
+    merge(halves, tmp_path / "merged")
+    check_equal(tmp_path / "merged", tmp_path / "whole")
     stops = 0
     while stops < 100:
         try:

@@ -333,7 +333,11 @@ def _secant(lane: Lane) -> float:
     """Return where the secant through both ends of the bracket is zero."""
     lo = lane.lo
     hi = lane.hi
-    return lo.h + lo.value / (lo.value - hi.value) * (hi.h - lo.h)
+    share = lo.value / (lo.value - hi.value)
+    if not 0.0 <= share <= 1.0:
+        # Both are beyond the zero, as the force has jumped at the start.
+        share = 0.5
+    return lo.h + share * (hi.h - lo.h)
 
 
 @njit(**INNER)

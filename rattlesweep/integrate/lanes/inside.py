@@ -243,6 +243,26 @@ def turned_over(point):
 
 
 @scalar
+def both(first, second):
+    """Return a number that is positive where two numbers are.
+
+    There it is their product.  It is zero nowhere but at the border of this region.
+    """
+    below1 = min(first, 0.0)
+    below2 = min(second, 0.0)
+    return first * second - below1 * below1 - below2 * below2
+
+
+@scalar
+def both_of(first, second):
+    """Return a function of the state that is positive where two functions are."""
+    rate = first.value * second.rate + first.rate * second.value
+    rate -= 2.0 * (min(first.value, 0.0) * first.rate)
+    rate -= 2.0 * (min(second.value, 0.0) * second.rate)
+    return Point(first.h, both(first.value, second.value), rate)
+
+
+@scalar
 def halfway(start, end):
     """Return the value of the cubic through both ends in the middle."""
     slopes = 0.125 * (end.h - start.h) * (start.rate - end.rate)

@@ -9,7 +9,8 @@ a run depends on its own numbers alone, so it yields the same bits in any lane, 
 and batch.
 
 ``attempt`` is compiled for each method and model, ``slide_lanes`` for each model that
-slides, :func:`decide_closely` once for all models.  They are called by their addresses
+slides, `looks.look_within` for each model whose steps are looked into,
+:func:`decide_closely` once for all models.  They are called by their addresses
 (``parts``).  Sweeps (:func:`work_off`) and
 trajectories (`follow.record_steps`) are made of the same turns: :func:`try_step`,
 :func:`look_closer` at the lanes that are due, :func:`commit`.
@@ -21,7 +22,7 @@ from typing import NamedTuple
 
 from numba import njit, prange
 
-from rattlesweep.integrate.lanes import events, runs, slides
+from rattlesweep.integrate.lanes import events, looks, runs, slides
 from rattlesweep.integrate.lanes.block import WIDTH
 from rattlesweep.integrate.lanes.events import (
     ARRIVED,
@@ -66,9 +67,10 @@ class Options(NamedTuple):
     most_steps: float
 
 
-# Indices into ``parts``: the addresses of ``attempt``, of :func:`decide_closely` and,
-# for a model that slides, of :func:`slides.slide_lanes`.
-ATTEMPT, DECIDE, SLIDE = 0, 1, 2
+# Indices into ``parts``: the addresses of ``attempt``, of :func:`decide_closely`, of
+# :func:`looks.look_within` where :func:`looks_within` says so, and of
+# :func:`slides.slide_lanes` for a model that slides.
+ATTEMPT, DECIDE, LOOK, SLIDE = range(4)
 # Stages of :func:`decide_closely`: the zeros in a step tried, those after an event that
 # was found in it, the extremes in a step that is to be taken.
 ZEROS, AFTER_EVENT, PEAKS = 0, 1, 2
@@ -306,6 +308,23 @@ def is_recording(recording):
     )
 
 
+@njit(**INNER)
+def looks_within(recording):
+    """Return whether steps are looked into."""
+    return (
+        recorded(recording.contact)
+        or recorded(recording.reversals)
+        or recorded(recording.marks)
+    )
+
+
+@njit(**INNER)
+def look(problem, parts, w, stage, recording):
+    """Look into the steps tried on all lanes."""
+    kept = recorded(recording.contact), recorded(recording.reversals), recording.marks
+    call(parts[LOOK], (problem, w, stage, *kept))
+
+
 @njit(forceinline=True, **INNER)
 def try_step(problem, parts, w, options, recording):
     """Try a step on every lane, decide on it, and return which lanes are due.
@@ -318,19 +337,14 @@ def try_step(problem, parts, w, options, recording):
         if problem.limited:
             problem.modes.observe_limit(problem, w)
         if recorded(recording.contact):
-            runs.observe_contact(problem, w)
+            look(problem, parts, w, looks.ROLLED, recording)
     if problem.slides:
         # Lanes that slide replace what was done to them.
         fewest = slides.FEWEST_SLIDING if rolls else WIDTH
         arguments = problem, w, options.scale, recorded(recording.contact), fewest
         call(parts[SLIDE], arguments)
-    if recorded(recording.contact):
-        runs.follow_contact(problem, w)
-    if recorded(recording.reversals):
-        runs.observe_spin(problem, w)
-        runs.follow_spin(problem, w)
-    if recorded(recording.marks):
-        runs.observe_marks(problem, w, recording.marks)
+    if looks_within(recording):
+        look(problem, parts, w, looks.STEPPED, recording)
     return decide(problem, w, options.fixed_step, options.most_steps)
 
 

@@ -196,16 +196,22 @@ def chosen(context, builder, signature, args):
     return context.make_tuple(builder, signature.return_type, components)
 
 
-def addresses_of(*compiled: Dispatcher) -> NDArray[np.int64] | NDArray[np.object_]:
-    """Return the addresses of compiled functions, which the caller must keep alive."""
+def addresses_of(
+    *compiled: Dispatcher | None,
+) -> NDArray[np.int64] | NDArray[np.object_]:
+    """Return the addresses of compiled functions, which the caller must keep alive.
+
+    The address of None, for a function that is never called, is 0.
+    """
     if config.DISABLE_JIT:
         return np.array(compiled, object)
-    results = [
-        result for function in compiled for result in function.overloads.values()
-    ]
-    return np.array(
-        [r.library.get_pointer_to_function(r.fndesc.llvm_func_name) for r in results]
-    )
+    addresses = np.zeros(len(compiled), np.int64)
+    for place, function in enumerate(compiled):
+        if function is not None:
+            (result,) = function.overloads.values()
+            name = result.fndesc.llvm_func_name
+            addresses[place] = result.library.get_pointer_to_function(name)
+    return addresses
 
 
 def _calling(result: types.Type) -> Callable[[int, tuple[object, ...]], object]:
@@ -594,6 +600,8 @@ class ModeSet:
     launch: Callable[..., None]
     # settle(lane, y, t): go over to the mode of a body that rolls in the state y
     settle: Callable[..., None]
+    # free(lane): let a body at rest begin to slide at the end of the step
+    free: Callable[..., None]
     # advance(problem, w): move what modes add to the state to the end of the step
     advance: Callable[..., None]
     # left(lane, y): height from the contact up to the rim; 1 without a rim

@@ -13,9 +13,9 @@ Where the friction is used up, SLIDING follows all others.  PIVOTING follows its
 with the other sense of the spin.  A slide also ends where the contact point is at rest:
 then the body rolls if the plane can hold it.
 
-The limit of a body with a rim is multiplied by the height that is left below it, so
-that one search (`lanes.events`) finds the first zero of all.  A limit that is a product
-is told apart by its factors, once its zero is found.
+The limit of a body with a rim is combined with the height that is left below it
+(`inside.both`), so that one search (`lanes.events`) finds the first zero of all.  Which
+of the two is zero is told apart once its zero is found.
 
 A mode is a record (:class:`~rattlesweep.integrate.lanes.lane.Mode`) of `lanes.slides`
 or `lanes.pivots`; ROLLING of a body that never slides is here.  :func:`modes_of`
@@ -191,7 +191,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
         further = (slides.SLIDING_MODE,)
     modes = (rolling, *further)
     if model.pivot is not None:
-        pivoting = pivots.pivoting_modes(rolling, may_slide=bool(further))
+        pivoting = pivots.pivoting_modes(rolling)
         modes = (*pivoting, *further)
     observed = [mode.observe_limit for mode in modes]
     combined = ModeSet(
@@ -201,6 +201,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
         prepare=nothing,
         launch=nothing,
         settle=settle,
+        free=nothing,
         advance=nothing,
         left=below_rim if rimmed else no_rim,
         energy=energy,
@@ -224,6 +225,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
             combined,
             prepare=pivots.preparing(combined.prepare),
             settle=pivots.settle,
+            free=pivots.free,
             observe=pivots.observing(combined.observe),
         )
     return combined

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 from rattlesweep.integrate.lanes.lane import Slip
 from rattlesweep.physics.full import scalar
-from rattlesweep.physics.pivoting import LEAST_SPEED
 from rattlesweep.physics.sliding import contact_at, push, spun
 
 LEAST_MOBILITY = 1e-3  # below it the normal force grows without bound
@@ -14,7 +13,7 @@ LEAST_MOBILITY = 1e-3  # below it the normal force grows without bound
 @scalar
 def contact_of(model, y, slip, mu, constants):
     """Return the contact of a body, ``I^-1 g``, and what `Slide.place` returns."""
-    placed = model.slide.place(y, mu * (slip.speed + LEAST_SPEED), constants)
+    placed = model.slide.place(y, mu * slip.speed, constants)
     _, u, omega, r, w, inertia, torque, drag = placed
     contact, own = contact_at(u, omega, r, w, inertia, torque, drag)
     return contact, own, placed

@@ -3,7 +3,8 @@
 A body that rolls with pivoting friction (`physics.pivoting`) is in one of two modes
 (`lanes.modes`): PIVOTING, with a positive or a negative spin, until a zero of the spin,
 or HELD, with the spin held at zero, until the torque that this takes exceeds ``l F_n``.
-The sense of the spin, 0 while it is held, is the last constant of a lane.
+The sense of the spin, 0 while it is held, is the last constant of a lane.  While the
+body slides, which needs no sense, it is the least creep (`physics.pivoting`).
 
 A reversal is a zero at which the spin goes over to the other side, or the end of a rest
 from which it does.
@@ -18,7 +19,7 @@ from numba import njit
 
 from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import REVERSED
-from rattlesweep.integrate.lanes.inside import may_fall
+from rattlesweep.integrate.lanes.inside import both_of, may_fall
 from rattlesweep.integrate.lanes.lane import (
     DIFFERENCE,
     HELD,
@@ -34,7 +35,7 @@ from rattlesweep.integrate.lanes.lane import (
 )
 from rattlesweep.integrate.lanes.statuses import AT_LIMIT, OK
 from rattlesweep.physics.full import FASTMATH, TINY, scalar
-from rattlesweep.physics.pivoting import LEAST_SPEED, spin_of_share
+from rattlesweep.physics.pivoting import LEAST_CREEP, least_creep, spin_of_share
 
 RESULTS = ("t_held", float), ("held_time", float), ("pivot_work", float)
 # By what share of the lever the limit of a rest is passed before it counts, so that
@@ -93,14 +94,6 @@ def turn_point(lane, h, y, f):
     return Point(h, 1.0 if sense == 0.0 else value, rate)
 
 
-@scalar
-def product(first, second):
-    """Return the product of two functions of the state, zero where one of them is."""
-    value = first.value * second.value
-    rate = first.value * second.rate + first.rate * second.value
-    return Point(first.h, value, rate)
-
-
 @njit(fastmath=FASTMATH, **INNER)
 def observe_held(problem, w):
     """Compute the limit at the end of the step tried on every lane that is held."""
@@ -115,7 +108,7 @@ def observe_held(problem, w):
         lane = lane_of(problem, w, l)
         end = held_point(lane, lane.h, lane.y1, lane.f1)
         limit = lane.limit1
-        both = product(limit, end)
+        both = both_of(limit, end)
         is_held = lane.mode == HELD
         leaves = 1.0 if is_held & may_fall(lane.limit0, both) else 0.0
         value = both.value if is_held else limit.value
@@ -162,25 +155,25 @@ def release(lane, t):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def begin_to_turn(lane):
-    """Let a spin that is held turn just so that the foot slides with the same torque.
+def free(lane):
+    """Let the foot begin to slide at the end of the step, with the torque it has.
 
-    A foot that begins to slide turns, as the torque of a sliding patch depends on the
-    ratio of spin and speed.  As the speed grows from zero, so does the spin, and the
-    torque stays the one that held it.
+    Where the spin is held, the foot begins to turn, as the torque of a sliding patch
+    depends on the ratio of spin and speed.  As the speed grows from zero, so does the
+    spin, and the torque stays the one that held it.
     """
     model = lane.problem.model
-    torque, normal = model.pivot(lane.y1, lane.constants)
     lever = lever_of(lane)
-    share = -torque / (lever * normal + TINY)
-    spin = spin_of_share(share, lever + TINY, lane.mu * LEAST_SPEED)
-    _, u, _, _, _, _, _, _ = model.slide.place(lane.y1, 0.0, lane.constants)
-    lane.y1 = model.slide.turned(lane.y1, u, spin - model.spin(lane.y1))
-
-
-@njit(**INNER)
-def leave_as_it_is(lane):
-    """Do nothing: the foot cannot slide."""
+    spin = model.spin(lane.y1)
+    least = least_creep(spin, lever)
+    if lane.constants[-1] == 0.0:
+        least = LEAST_CREEP
+        torque, normal = model.pivot(lane.y1, lane.constants)
+        share = -torque / (lever * normal + TINY)
+        turning = spin_of_share(share, lever + TINY, least)
+        _, u, _, _, _, _, _, _ = model.slide.place(lane.y1, 0.0, lane.constants)
+        lane.y1 = model.slide.turned(lane.y1, u, turning - spin)
+    lane.constants = lane.constants[:-1] + (least,)  # noqa: RUF005
 
 
 @njit(**INNER)
@@ -257,22 +250,29 @@ def observing(base_observe: Callable[..., Any]) -> Callable[..., Any]:
     return observe
 
 
-def pivoting_modes(rolling: Mode, *, may_slide: bool) -> tuple[Mode, Mode]:
+def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
     """Return the modes of a body with the torque that rolls: PIVOTING and HELD.
 
     ``rolling`` is the mode of the body without it.
     """
-    free_spin = begin_to_turn if may_slide else leave_as_it_is
     rolling_limit = rolling.limit
     change_rolling = rolling.change
 
     @scalar
     def limit(lane, h, y, f):
-        return product(rolling_limit(lane, h, y, f), turn_point(lane, h, y, f))
+        return both_of(rolling_limit(lane, h, y, f), turn_point(lane, h, y, f))
 
     @scalar
     def limit_held(lane, h, y, f):
-        return product(rolling_limit(lane, h, y, f), held_point(lane, h, y, f))
+        return both_of(rolling_limit(lane, h, y, f), held_point(lane, h, y, f))
+
+    @njit(**INNER)
+    def slide(lane, t, status, move, recording):
+        was_held = lane.mode == HELD
+        status, move = change_rolling(lane, status, move, recording)
+        if was_held and lane.mode != HELD:
+            release(lane, t)
+        return status, move
 
     @njit(**KEPT_APART)
     def change(lane, status, move, recording):
@@ -281,24 +281,22 @@ def pivoting_modes(rolling: Mode, *, may_slide: bool) -> tuple[Mode, Mode]:
         is_at_zero = False
         if status == AT_LIMIT:
             other = rolling_limit(lane, lane.h, lane.y1, lane.f1)
-            is_at_zero = distance_from_zero(lane) <= abs(other.value)
+            is_at_zero = distance_from_zero(lane) <= other.value
         if not is_at_zero:
-            was_held = lane.mode == HELD
-            if was_held and status == AT_LIMIT:
-                free_spin(lane)
-            status, move = change_rolling(lane, status, move, recording)
-            if was_held and lane.mode != HELD:
-                release(lane, t)
-            return status, move
+            return slide(lane, t, status, move, recording)
         sense = leave_zero(lane, t)
+        status = OK
+        if lane.limit1.value <= 0.0:
+            # The force has jumped with the torque, beyond what friction can give.
+            status, move = slide(lane, t, AT_LIMIT, move, recording)
         # A spin that returns to its side has not reversed.
         if sense * lane.sign >= 0.0 or lane.arm > 0.0:
-            return OK, move
+            return status, move
         if not runs.goes_on(lane.problem, recording):
             return OK, REVERSED
         lane.sign = sense
         runs.note_zero(lane, t, recording.reversals)
-        return OK, move
+        return status, move
 
     return (
         Mode(PIVOTING, limit, change),

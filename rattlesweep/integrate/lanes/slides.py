@@ -28,6 +28,8 @@ from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.block import METHOD
 from rattlesweep.integrate.lanes.events import STEP
 from rattlesweep.integrate.lanes.inside import (
+    both,
+    both_of,
     glance,
     halfway,
     least_above,
@@ -415,11 +417,11 @@ def note_forces(lane, z, column):
     ahead = DIFFERENCE / lane.swing
     height = left(lane, lane.y1)
     later = left(lane, moved(lane.y1, lane.f1, ahead))
-    rate = margin_rate * height + margin * (later - height) / ahead
-    lane.limit1 = Point(lane.h, margin * height, rate)
+    below = Point(lane.h, height, (later - height) / ahead)
+    lane.limit1 = both_of(Point(lane.h, margin, margin_rate), below)
     lane.lift1 = Point(lane.h, -normal, -normal_rate)
     lane.ratio1 = Point(lane.h, lane.mu, 0.0)
-    return margin_half * left(lane, middle(lane)), -normal_half
+    return both(margin_half, left(lane, middle(lane))), -normal_half
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -435,8 +437,8 @@ def set_limit(lane):
     turn = ahead * later.slip.angle / (1.0 + ahead * abs(later.stiffness))
     later = motion_of(lane, state, Slip(speed, slip.angle + turn, slip.work))
     left = lane.problem.modes.left
-    limit = now.margin * left(lane, lane.y1)
-    later_limit = later.margin * left(lane, state)
+    limit = both(now.margin, left(lane, lane.y1))
+    later_limit = both(later.margin, left(lane, state))
     lane.limit1 = Point(lane.h, limit, (later_limit - limit) / ahead)
     lane.lift1 = Point(lane.h, -now.normal, (now.normal - later.normal) / ahead)
     lane.ratio1 = Point(lane.h, lane.mu, 0.0)
@@ -465,8 +467,9 @@ def rest_after(lane, time, scale):
     lacking = moved(then.f, now.f, -1.0)
     error, size = lane.problem.model.error(lacking, state, lane.constants)
     error = 0.25 * time * time * (error + bend * bend)
+    # The last step may tell of a fall where the speed rises by now.
     steady = (
-        (abs(bend) <= STEADY * abs(now.slip.speed))
+        (abs(bend) <= -STEADY * now.slip.speed)
         & (error <= max(LAST_ERROR * size / scale, squared_rounding(lane)))
         & (then.mobility > LEAST_MOBILITY)
     )
@@ -494,9 +497,9 @@ def step_to_rest(lane, rest):
     lane.f1 = moved(now.f, change, share)
     lane.error = 0.0
     left = lane.problem.modes.left
-    start = now.margin * left(lane, lane.y)
+    start = both(now.margin, left(lane, lane.y))
     margin = now.margin + share * (then.margin - now.margin)
-    limit = margin * left(lane, lane.y1)
+    limit = both(margin, left(lane, lane.y1))
     normal = now.normal + share * (then.normal - now.normal)
     lane.limit1 = Point(h, limit, (limit - start) / h)
     lane.lift1 = Point(h, -normal, (now.normal - then.normal) / rest.time)
@@ -613,14 +616,17 @@ def end_or_load(lane, z, column, scale, contact_recorded):
                 lane.refused = JAMMED
                 stay(lane)
                 return False
-        # After rejected steps the rest may be further away than the next step goes.
-        if not searches and (time < lane.h or lane.last == 0.0):
-            lane.h = time
-            lane.last = 0.0
-        turn_to_rest(lane, mean, direction, time)
-        set_limit(lane)
-        observe_ends(lane, contact_recorded)
-        return False
+        if time > 0.0:
+            # After rejected steps the rest may be further away than the next step goes.
+            if not searches and (time < lane.h or lane.last == 0.0):
+                lane.h = time
+                lane.last = 0.0
+            turn_to_rest(lane, mean, direction, time)
+            set_limit(lane)
+            observe_ends(lane, contact_recorded)
+            return False
+        # The speed rises by now.
+        time = np.inf
     if not searches:
         # The cubic term of the speed may bring the rest nearer, and errors matter the
         # less the shorter the rest is.
@@ -809,10 +815,10 @@ def hold_point(lane, h, y, f):
     contact = lane.problem.model.contact
     left = lane.problem.modes.left
     normal, tangential = contact(y, lane.constants)
-    now = (lane.mu * normal - tangential) * left(lane, y)
+    now = both(lane.mu * normal - tangential, left(lane, y))
     y_later = moved(y, f, ahead)
     normal, tangential = contact(y_later, lane.constants)
-    later = (lane.mu * normal - tangential) * left(lane, y_later)
+    later = both(lane.mu * normal - tangential, left(lane, y_later))
     return Point(h, now, (later - now) / ahead)
 
 
@@ -845,6 +851,7 @@ def why_not(contact):
 def slide_from_rest(lane):
     """Let a lane slide from rest at the end of the step; return a status."""
     rest = Slip(0.0, 0.0, 0.0)
+    lane.problem.modes.free(lane)
     contact, _, _ = contact_at_slip(lane, lane.y1, rest)
     angle, found = outgoing(contact, lane.mu)
     slip = Slip(BEGINNING, angle, lane.slip.work)
