@@ -229,7 +229,7 @@ SCAN = 64  # directions between which others are searched
 HALVINGS = 40
 FINE_SCAN = 720
 TWO_PI = 6.283185307179586
-CREEP = -1e-9  # least rate of the speed of a body that begins to slide
+CREEP = -1e-6  # least rate of the speed of a body that begins to slide
 
 
 @scalar

@@ -41,6 +41,9 @@ RESULTS = ("t_held", float), ("held_time", float), ("pivot_work", float)
 # By what share of the lever the limit of a rest is passed before it counts, so that
 # rounding errors do not end it at once.
 PASSED = 1e-13
+# Smallest spin, over the lever, with which a slide begins: below it the decay of the
+# spin is too stiff.
+SMALLEST_SPIN = 1e-7
 # Rounding errors of the spin, as a share of its scale.
 LEAST_SPIN = 1e-14
 
@@ -165,14 +168,17 @@ def free(lane):
     model = lane.problem.model
     lever = lever_of(lane)
     spin = model.spin(lane.y1)
-    least = least_creep(spin, lever)
-    if lane.constants[-1] == 0.0:
+    sense = lane.constants[-1]
+    # Just after a rest the spin may be too small to be integrated.
+    turning = sense * max(sense * spin, SMALLEST_SPIN * lever)
+    least = least_creep(turning, lever)
+    if sense == 0.0:
         least = LEAST_CREEP
         torque, normal = model.pivot(lane.y1, lane.constants)
         share = -torque / (lever * normal + TINY)
         turning = spin_of_share(share, lever + TINY, least)
-        _, u, _, _, _, _, _, _ = model.slide.place(lane.y1, 0.0, lane.constants)
-        lane.y1 = model.slide.turned(lane.y1, u, turning - spin)
+    _, u, _, _, _, _, _, _ = model.slide.place(lane.y1, 0.0, lane.constants)
+    lane.y1 = model.slide.turned(lane.y1, u, turning - spin)
     lane.constants = lane.constants[:-1] + (least,)  # noqa: RUF005
 
 
