@@ -107,6 +107,7 @@ TRIED: dict[str, tuple[float, ...]] = {
 TRIED_WITH_FRICTION: dict[str, tuple[float, ...]] = {
     "looser": (30.0, 100.0, 300.0),
     "slides": (0.0, 3e-12, 5e-12),
+    "swings": (2.0,),
     "power": (0.3, 0.5, 0.65, 0.8, 0.9, 1.0),
     "near": (0.0, 5.0),
     "floor": (0.3, 0.5, 1.0, 2.0, 5.0),
@@ -346,7 +347,7 @@ def refit(pairs: list[Pair]) -> None:
     for values in itertools.product(*tried.values()):
         fit = error_fit.ErrorFit(**dict(zip(tried, values, strict=True)))
         if with_friction:
-            error_fit.MOTION_FITS[error_fit.motion_of(config)] = fit
+            error_fit.MOTION_FITS[error_fit.fitted_motion(config)] = fit
         else:
             error_fit.FITS["dop853"] = fit
         judged = [judge(*pair.errors()) for pair in pairs]

@@ -14,7 +14,8 @@ together (small s), and takes all of it once they have parted.  Too often d alon
 small by chance; s, which has several components, is not.  C is P^2 in the unsteady
 direction, where runs that part are chaotic, and 0 in the other.  G is a swing of the
 spin, or several, if an extremum of the spin touches zero within the tolerance.  S is a
-constant if the run slides: errors of slides fall no further.
+constant if the run slides, since the errors of slides change much from one tolerance to
+the next.
 
 **Swinging launches** hold most of their energy in the oscillation, often in the slower
 of two modes.  The tolerance is relative to both modes together.  So a companion would
@@ -78,8 +79,8 @@ TURN_PARTED = 5e-3  # relative difference of turns at which two runs have parted
 TURN_SLOPE = 50.0  # slope of the errors of turns
 SURE_TURN = 1e-3  # relative error below which a turn is sure, if those before it are
 
-# Tolerances for a given error: the first in units of it, the ratio of the next ones,
-# their number.
+# Tolerances for a given error: the first in units of it (and of the floor of the
+# estimate, if that is above 1), the ratio of the next ones, their number.
 FIRST_RUNG = 0.3
 RUNG = 1e-2
 RUNGS = 3
@@ -275,9 +276,12 @@ def ladder(config: Config) -> tuple[list[float], list[float]]:
         tol = integrator.tol or TOL
         values = [companion_setting(config, tol), tol]
     else:
-        first = min(FIRST_RUNG * integrator.goal, LOOSEST_RUNG)
+        fit = fit_of(config)
+        # Else the floor of the estimate alone could be above the goal.
+        first = FIRST_RUNG * integrator.goal / max(1.0, fit.floor)
+        first = min(first, LOOSEST_RUNG)
         rungs = {max(first * RUNG**k, TIGHTEST) for k in range(RUNGS)}
-        loosest = min(fit_of(config).looser * first, LOOSEST_OF_LADDER)
+        loosest = min(fit.looser * first, LOOSEST_OF_LADDER)
         values = [loosest, *sorted(rungs, reverse=True)]
     # 1.1 for rejected steps; measured costs are 40 to 45 % at 1e-9, and 77 to 84 % at
     # 1e-6.
