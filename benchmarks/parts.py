@@ -35,6 +35,7 @@ HORIZON = 1000.0
 ELLIPSOID = ("bodies.surface=ellipsoid", "bodies.c=2")
 SIGMA = "dissipation={sigma: 0.001}"
 ROLLING = "dissipation={rolling: 0.0001}"
+PIVOT = "dissipation={pivot: 0.0005}"
 RECORDS = (
     "energy",
     "contact",
@@ -56,6 +57,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "sigma": (SIGMA,),
     "ellipsoid, sigma": (*ELLIPSOID, SIGMA),
     "rolling": (ROLLING,),
+    "pivot": (PIVOT,),
     "ellipsoid, rolling": (*ELLIPSOID, ROLLING),
 }
 

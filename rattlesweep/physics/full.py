@@ -124,22 +124,35 @@ def solve_rates(x, y, z, ix, iy, iz, tx, ty, tz, product):
 
 
 @scalar
-def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):
-    """Return ``domega/dt`` (Eq. 11) and the inverse used.
+def moments(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz):
+    """Return parts of the torque about the contact point, and ``omega x w`` (Eq. 11).
 
-    ``(lx, ly, lz)`` is a further torque.
-
-    The bracket of Eq. 11 is ``omega x w``.
+    They are: the gyroscopic torque, to which a further one ``(lx, ly, lz)`` is added;
+    the same with that by the motion of the contact point; gravity's over ``u_z``, ``g
+    = r x (p, q, 1)``.
     """
     x, y, z = p + fx, q + fy, 1.0 - rise
     twist = fx * q - fy * p
     kx, ky, kz = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
-    # Torque about the contact point: gyroscopic, by the motion of the contact point, by
-    # gravity.
     gx, gy, gz = (iy - iz) * b * c + lx, (iz - ix) * c * a + ly, (ix - iy) * a * b + lz
-    tx = gx + (y * kz - z * ky) + uz * (fy + q * rise)
-    ty = gy + (z * kx - x * kz) - uz * (fx + p * rise)
-    tz = gz + (x * ky - y * kx) + uz * twist
+    tx = gx + (y * kz - z * ky)
+    ty = gy + (z * kx - x * kz)
+    tz = gz + (x * ky - y * kx)
+    gravity = fy + q * rise, -(fx + p * rise), twist
+    return (gx, gy, gz), (tx, ty, tz), gravity, (kx, ky, kz)
+
+
+@scalar
+def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):
+    """Return ``domega/dt`` (Eq. 11) and the inverse used.
+
+    ``(lx, ly, lz)`` is a further torque.
+    """
+    x, y, z = p + fx, q + fy, 1.0 - rise
+    (gx, gy, gz), (tx, ty, tz), (vx, vy, vz), _ = moments(
+        p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz
+    )
+    tx, ty, tz = tx + uz * vx, ty + uz * vy, tz + uz * vz
     return solve_rates(x, y, z, ix, iy, iz, tx, ty, tz, x * gx + y * gy + z * gz)
 
 

@@ -17,8 +17,16 @@ from collections.abc import Callable
 from math import asin, exp, pi, sqrt
 from typing import Any
 
-from rattlesweep.physics.full import TINY, acceleration, scalar, slope_rate
-from rattlesweep.physics.stone import dot, rolling_couples, solve_again, triple
+from rattlesweep.physics.full import TINY, scalar
+from rattlesweep.physics.stone import (
+    dot,
+    resisted,
+    rolling_couples,
+    solve_again,
+    times,
+    triple,
+    without_grip,
+)
 
 N_STATE = 7  # with the work of all friction and that of pivoting
 # Rate, in sqrt(g/a), at which rounding errors of a spin that is held decay.
@@ -160,67 +168,80 @@ def pivoting_parts(contact, y, inertia, shape, loss):
     """Return rates and forces of a body that rolls with the torque alone.
 
     They are the rates of the position, ``domega/dt``, the torque, the normal force, the
-    power of the other friction, and the spin.
-
-    All vectors along ``u`` are ``u_z e`` with ``e = (p, q, 1)``.  The normal force
-    depends on ``domega/dt`` by ``(u x r) . domega/dt``, with ``u x r = -u_z g``; the
-    components of ``g`` are known from the torque of gravity.
+    power of the other friction, and that of the torque.
     """
     p, q, a, b, c = y[:5]
     sigma, _, _, lever, sense = loss
-    dp, dq, m = slope_rate(p, q, a, b, c)
-    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
-    fx, fy, rise, wx, wy, wz, uz = touch
-    couple = -sigma * a, -sigma * b, -sigma * c
-    rates, solved = acceleration(p, q, a, b, c, *inertia, *couple, *touch)
-    omega = a, b, c
-    e = p, q, 1.0
-    g = fy + q * rise, -(fx + p * rise), fx * q - fy * p
-    bracket = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
-    unheld = 1.0 + uz * dot(e, bracket)
-    spin = uz * dot(e, omega)
-    j = solve_again((p + fx, q + fy, 1.0 - rise), e, solved)
-    # The torque makes ``start - u_z v.domega/dt + below torque`` zero: of a held spin
-    # its rate, else the torque and ``lever sense`` times the normal force.
-    grip = lever * sense
-    is_held = sense == 0.0
-    v = (
-        -p if is_held else grip * g[0],
-        -q if is_held else grip * g[1],
-        -1.0 if is_held else grip * g[2],
+    place, power, root, det, solver, g, sink, rates = without_grip(
+        contact, y, inertia, shape, sigma
     )
-    start = RETURN * spin if is_held else grip * unheld
-    below = (0.0 if is_held else 1.0) - uz * uz * dot(v, j)
-    above = start - uz * dot(v, rates)
-    # There is no such torque where the plane would have to pull.
-    above = 0.0 if sense * above < 0.0 else above
-    torque = -above / below
-    push = uz * torque
-    da, db, dc = rates
-    jx, jy, jz = j
-    changed = da + push * jx, db + push * jy, dc + push * jz
-    normal = unheld - uz * dot(g, changed)
-    return (dp, dq), changed, torque, normal, dot(couple, omega), spin
+    gx, gy, gz = g
+    sa, sb, sc = rates
+    e = p, q, 1.0
+    turn = p * a + q * b + c
+    scale = root * det
+    j = ja, jb, jc = times(solver, e)
+    # The torque of a held spin keeps its rate, e . domega/dt, at zero.
+    is_held = sense == 0.0
+    v = p if is_held else gx, q if is_held else gy, 1.0 if is_held else gz
+    known = (turn if is_held else -sink) * scale + dot(v, rates)
+    normal = root * scale + known
+    # There is no torque where the plane would have to pull.
+    normal = normal if normal > 0.0 else 0.0
+    grip = lever * sense
+    lift = dot(v, j)
+    above = known if is_held else grip * normal
+    below = lift if is_held else grip * lift - root * scale
+    torque = above / below
+    inv = 1.0 / scale
+    changed = (
+        (sa - torque * ja) * inv,
+        (sb - torque * jb) * inv,
+        (sc - torque * jc) * inv,
+    )
+    part = inv * det
+    normal = 1.0 - (sink - dot(g, changed)) / root
+    return place, changed, torque, normal, power, -torque * (turn * part)
 
 
 @scalar
 def rolling_parts(contact, y, inertia, shape, loss):
     """Return what :func:`pivoting_parts` does, with rolling resistance."""
     p, q, a, b, c = y[:5]
-    sigma = loss[0]
-    dp, dq, m = slope_rate(p, q, a, b, c)
-    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
-    fx, fy, rise, wx, wy, wz, uz = touch
-    couple = -sigma * a, -sigma * b, -sigma * c
-    rates, solved = acceleration(p, q, a, b, c, *inertia, *couple, *touch)
-    u = p * uz, q * uz, uz
-    omega = a, b, c
-    r = p + fx, q + fy, 1.0 - rise
-    changed, torque, normal, rolled = rolling_and_pivoting(
-        u, omega, r, (wx, wy, wz), rates, solved, loss
+    sigma, rolling, eps, lever, sense = loss
+    (dp, dq), power, root, det, solver, g, sink, rates = without_grip(
+        contact, y, inertia, shape, sigma
     )
-    power = dot(couple, omega) + rolled
-    return (dp, dq), changed, torque, normal, power, dot(u, omega)
+    sa, sb, sc = rates
+    e = p, q, 1.0
+    turn = p * a + q * b + c
+    scale = root * det
+    part = 1.0 / root
+    inv = part / det
+    h, square, smoothed = resisted(p, q, dp, dq, root, eps)
+    hx, hy, hz = rolled = times(solver, h)
+    jx, jy, jz = j = times(solver, e)
+    resistance = rolling * root / smoothed
+    # The torque is ``held + grip F_n``.
+    inverse = 1.0 / dot(e, j)
+    is_held = sense == 0.0
+    held = (dot(e, rates) + turn * scale) * inverse if is_held else 0.0
+    grip = -resistance * dot(e, rolled) * inverse if is_held else -lever * sense
+    lift = dot(g, j)
+    above = root * scale + dot(g, rates) - sink * scale - held * lift
+    normal = above / (root * scale + resistance * dot(g, rolled) + grip * lift)
+    # There is no friction where the plane would have to pull.
+    normal = normal if normal > 0.0 else 0.0
+    torque = held + grip * normal
+    share = resistance * normal
+    changed = (
+        (sa - torque * jx - share * hx) * inv,
+        (sb - torque * jy - share * hy) * inv,
+        (sc - torque * jz - share * hz) * inv,
+    )
+    normal = 1.0 - (sink - dot(g, changed)) * part
+    power = power - share * (square * (part * (part * part)))
+    return (dp, dq), changed, torque, normal, power, -torque * (turn * part)
 
 
 def rhs_of(parts: Callable[..., Any]) -> Callable[..., Any]:
@@ -228,8 +249,7 @@ def rhs_of(parts: Callable[..., Any]) -> Callable[..., Any]:
 
     @scalar
     def rhs(contact, y, inertia, shape, loss):
-        place, changed, torque, _, power, n = parts(contact, y, inertia, shape, loss)
-        taken = torque * n
+        place, changed, _, _, power, taken = parts(contact, y, inertia, shape, loss)
         return place + changed + (power + taken, taken)
 
     formula: Callable[..., Any] = rhs

@@ -26,7 +26,13 @@ from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import full
-from rattlesweep.physics.full import acceleration, force, scalar, slope_rate
+from rattlesweep.physics.full import (
+    acceleration,
+    force,
+    moments,
+    scalar,
+    slope_rate,
+)
 
 CONSTANTS = *full.CONSTANTS, "k"
 N_CONSTANTS = len(CONSTANTS)
@@ -264,20 +270,96 @@ def resistance(u, omega, r, normal, lever, eps, solved):
 
 
 @scalar
-def rolling_rhs(contact, y, inertia, shape, loss):
-    """Return what :func:`rhs_of_couples` does for both couples, by one division."""
+def adjugate(x, y, z, ix, iy, iz):
+    """Return the adjugate of ``J`` on the left side of Eq. 11, and its determinant.
+
+    Its components are ``xx, yy, zz, yz, zx, xy``.  Nothing cancels in them, but in the
+    product with a torque rounding errors grow as ``r^2 / I``.
+    """
+    xx, yy, zz = x * x, y * y, z * z
+    r2 = xx + (yy + zz)
+    dx, dy, dz = ix + r2, iy + r2, iz + r2
+    cx = (xx + iy) * ((xx + iz) + yy) + zz * (xx + iz)
+    cy = (yy + iz) * ((yy + ix) + zz) + xx * (yy + ix)
+    cz = (zz + ix) * ((zz + iy) + xx) + yy * (zz + iy)
+    det = ix * cx + ((iy * yy) * dz + (iz * zz) * dy)
+    return (cx, cy, cz, y * z * dx, z * x * dy, x * y * dz), det
+
+
+@scalar
+def times(matrix, h):
+    """Return the product of a matrix, as :func:`adjugate` returns it, and a vector."""
+    xx, yy, zz, yz, zx, xy = matrix
+    a, b, c = h
+    return (
+        xx * a + xy * b + zx * c,
+        xy * a + yy * b + yz * c,
+        zx * a + yz * b + zz * c,
+    )
+
+
+@scalar
+def without_grip(contact, y, inertia, shape, sigma):
+    """Return the motion without forces in proportion to the normal force ``F_n``.
+
+    The vertical is ``u = -e / root`` with ``e = (p, q, 1)`` and its length ``root``,
+    and ``F_n = 1 - (e . (omega x w) - g . domega/dt) / root`` with ``g = r x e``.
+    ``domega/dt`` has the factor ``scale = root det J``, so that it needs no division.
+
+    Values: rates of the slope, power of ``-sigma omega``, ``root``, ``det J`` and its
+    adjugate, ``g``, ``e . (omega x w)``, ``scale domega/dt``.
+    """
     p, q, a, b, c = y[:5]
-    sigma, lever, eps = loss
+    root = sqrt(1.0 + p * p + q * q)
     dp, dq, m = slope_rate(p, q, a, b, c)
-    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
-    fx, fy, rise, wx, wy, wz, uz = touch
+    fx, fy, rise, wx, wy, wz, _ = contact(p, q, a, b, c, dp, dq, m, *shape)
     lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
-    rates, solved = acceleration(p, q, a, b, c, *inertia, lx, ly, lz, *touch)
-    u = (p * uz, q * uz, uz)
-    omega = (a, b, c)
-    r = (p + fx, q + fy, 1.0 - rise)
-    normal, _ = force_at(*u, *omega, *rates, *r, wx, wy, wz)
-    ra, rb, rc, taken = resistance(u, omega, r, normal, lever, eps, solved)
-    da, db, dc = rates
-    power = lx * a + ly * b + lz * c - taken
-    return dp, dq, da - ra, db - rb, dc - rc, power
+    _, (tx, ty, tz), g, (kx, ky, kz) = moments(
+        p, q, a, b, c, *inertia, lx, ly, lz, fx, fy, rise, wx, wy, wz
+    )
+    gx, gy, gz = g
+    solver, det = adjugate(p + fx, q + fy, 1.0 - rise, *inertia)
+    rates = times(solver, (root * tx - gx, root * ty - gy, root * tz - gz))
+    power = lx * a + ly * b + lz * c
+    return (dp, dq), power, root, det, solver, g, p * kx + q * ky + kz, rates
+
+
+@scalar
+def resisted(p, q, dp, dq, root, eps):
+    """Return ``root^2 omega_t``, which follows from the slope, its square and length.
+
+    The length is smoothed by ``eps``.
+    """
+    h = dq, -dp, q * dp - p * dq
+    square = dot(h, h)
+    smoothing = root * (root * eps)
+    return h, square, sqrt(square + smoothing * smoothing)
+
+
+@scalar
+def rolling_rhs(contact, y, inertia, shape, loss):
+    """Return what :func:`rhs_of_couples` does for both couples."""
+    p, q = y[:2]
+    sigma, lever, eps = loss
+    (dp, dq), power, root, det, solver, g, sink, rates = without_grip(
+        contact, y, inertia, shape, sigma
+    )
+    sa, sb, sc = rates
+    h, square, smoothed = resisted(p, q, dp, dq, root, eps)
+    j = ja, jb, jc = times(solver, h)
+    scale = root * det
+    normal = root * scale + (dot(g, rates) - sink * scale)
+    # There is no resistance where the plane would have to pull.
+    normal = normal if normal > 0.0 else 0.0
+    share = lever * normal / (scale * smoothed + lever * dot(g, j))
+    inv = 1.0 / scale
+    part = inv * det
+    taken = share * (square * (part * (part * part)))
+    return (
+        dp,
+        dq,
+        (sa - share * ja) * inv,
+        (sb - share * jb) * inv,
+        (sc - share * jc) * inv,
+        power - taken,
+    )

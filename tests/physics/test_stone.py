@@ -55,6 +55,19 @@ def test_equations_are_those_of_mechanics(model):
         np.testing.assert_allclose([p + fx, q_slope + fy, 1 - rise], r, atol=1e-12)
 
 
+def test_the_adjugate_is_the_inverse_times_the_determinant():
+    """In whole numbers, where nothing is rounded."""
+    r = np.array([3, -5, 2])
+    inertia = np.array([7, 2, 11])
+    (xx, yy, zz, yz, zx, xy), det = stone.adjugate.py_func(*r, *inertia)
+    left = np.diag(inertia + r @ r) - np.outer(r, r)
+    adjugate = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
+    np.testing.assert_array_equal(adjugate @ left, det * np.eye(3))
+    columns = left @ [4, -1, 6]
+    solved = stone.times.py_func((xx, yy, zz, yz, zx, xy), tuple(columns))
+    np.testing.assert_array_equal(solved, det * np.array([4, -1, 6]))
+
+
 @pytest.mark.parametrize("model", SMOOTH, ids=lambda model: model.name)
 def test_the_cheaper_form_of_a_law_is_that_of_its_couples(model):
     for body, u, omega, sigma, rolling in random_bodies(40, 3):
