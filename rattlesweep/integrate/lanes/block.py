@@ -3,7 +3,8 @@
 Lanes that slide are copied into blocks of :data:`WIDTH`, whose loops vectorise as those
 of `lanes.step` do.  In a block, each lane solves the equations of its own step of a
 Radau IIA method by its own number of iterations; its numbers stay as they are once
-these are solved.  So they do not depend on the lanes beside it.
+these are solved, until another lane takes its column.  So they do not depend on the
+lanes beside it.
 
 The rates in a step are a polynomial, kept as coefficients of Legendre's polynomials: it
 tells the error, and extrapolated it is a good guess of the next step.
@@ -27,6 +28,7 @@ from rattlesweep.integrate.lanes.lane import (
     SLIP_SPEED,
     gather,
     scatter,
+    sums,
 )
 from rattlesweep.integrate.lanes.step import span
 from rattlesweep.integrate.model import Model
@@ -38,6 +40,7 @@ WIDTH = 1 if config.DISABLE_JIT else 8
 # Of squared changes: they may fall by this less from one iteration to the next.
 DECAY = 9.0
 LARGEST_TURN = 0.5  # of the angle in an iteration
+MAX_ITERATIONS = 25  # iterations of the equations of a step
 LEAST_GUESS = 1e-3  # of the speed at a stage, as a share of that at the start
 HEAD = '''"""Steps of slides of the model {name}, from lanes.block."""
 
@@ -67,35 +70,27 @@ class Block:
     past_h: int  # size of the last step
     offset: int  # share of the last step after which this one starts
     busy: int  # 1 until the equations are solved, then 0; -1 if they cannot be
-    spent: int  # number of iterations
     # State and slip at the stages, and constants: rows for all stages of each number.
     values: int
     growths: int  # rates of the speed at the stages
-    constants: int
-    n_constants: int
-    lane: int  # index of the lane in a column
-    # All rows from ``start`` to ``loaded`` and the constants of the first stage
-    # describe the step to be tried.
-    start: int
-    loaded: int
+    lane: int  # 1 + index of the lane in a column, 0 in a free one
     # load(z, column, numbers): copy the step to be tried; its numbers are the state,
     # speed, angle and work, the constants with ``mu``, size, largest squared change of
-    # an iteration, and the rows from ``past_h`` on.
+    # an iteration, the rows from ``past_h`` on, and what marks a new step.
     load: Callable[..., None]
-    predict: Callable[..., None]  # predict(problem, z): guess the stages
+    predict: Callable[..., None]  # predict(problem, z): guess the stages of new steps
     iterate: Callable[..., int]  # iterate(problem, z): number of lanes not solved
-    expand: Callable[..., None]  # expand(problem, z): set ``past`` from the rates
     # At the end of the step.
     state: Reader
     slip: Reader
     rate: Reader
     rates: Reader  # all coefficients of the rates
-    # The coefficients from whose decay the error is estimated.
-    third: Reader
-    third_slip: Reader
-    fourth: Reader
-    fifth: Reader
-    fifth_slip: Reader
+    # third(rates): the coefficients from whose decay the error is estimated.
+    third: Callable[..., tuple[float, ...]]
+    third_slip: Callable[..., tuple[float, ...]]
+    fourth: Callable[..., tuple[float, ...]]
+    fifth: Callable[..., tuple[float, ...]]
+    fifth_slip: Callable[..., tuple[float, ...]]
     forces: Reader  # normal forces at the stages, then margins
 
 
@@ -127,6 +122,7 @@ class _Writer:
         self.offset = self.take(1)
         self.past = [self.take(self.count) for _ in range(STAGES)]
         self.loaded = self.rows
+        self.fresh = self.take(1)
         self.turns = self.take(STAGES)
         self.change = self.take(1)
         self.before = self.take(1)  # the change in the iteration before
@@ -136,7 +132,7 @@ class _Writer:
         self.lines: list[str] = []
         self.predict()
         self.iterate()
-        self.expand()
+        self.split()
         head = HEAD.format(name=model.name)
         self.source = "\n".join([head, *self.cells, *self.lines, ""])
 
@@ -184,7 +180,10 @@ class _Writer:
                 span(self.start, count),
                 [self.h, self.past_h, self.offset],
                 *(span(row, count) for row in self.past),
+                [self.fresh],
+                self.at(i, self.values, count),
             )
+            old = ends + STAGES * count
             # Integrals of Legendre's polynomials from the start of this step.
             guess = [f"y = moved(q[:{count}], q[{ends}:{ends + count}], w)"]
             for k in range(1, STAGES):
@@ -209,14 +208,14 @@ class _Writer:
                 *guess,
                 f"speed = max(y[{speed}], {LEAST_GUESS} * q[{speed}])",
                 f"y = y[:{speed}] + (speed,) + y[{speed + 1}:]",
+                f"y = chosen(q[{old}] > 0.0, y, q[{old + 1}:])",
                 self.write("y", self.at(i, self.values, count)),
-                self.write("(1.0,)", self.at(i, self.busy)),
-                self.write("(0.0, 0.0)", [self.before, self.spent]),
             )
             if i:
                 read = self.read(self.at(0, self.constants, self.n_constants))
                 rows = self.at(i, self.constants, self.n_constants)
                 self.loop(self.write(read, rows))
+        self.loop(self.write("(0.0,)", [self.fresh]))
 
     def iterate(self) -> None:
         """Write an iteration: all rates, then the angles, then everything else."""
@@ -237,10 +236,12 @@ class _Writer:
             f"next = {DECAY} * change * change / (before + {TINY})",
             "left = change if change < next else next",
             "state = 1.0 if left > enough else 0.0",
-            "state = state if (least > 0.0) & (change < 1e300) else -1.0",
+            "spent += 1.0",
+            "possible = (least > 0.0) & (change < 1e300)",
+            f"possible &= (state == 0.0) | (spent < {float(MAX_ITERATIONS)})",
+            "state = state if possible else -1.0",
             "now = state if was > 0.0 else was",
             self.write(f"({'now, ' * STAGES})", span(self.busy, STAGES)),
-            "spent += 1.0 if was > 0.0 else 0.0",
             self.write("(change, spent)", [self.before, self.spent]),
             "busy += 1 if now > 0.0 else 0",
         )
@@ -338,14 +339,16 @@ class _Writer:
             self.write("(change,)", [self.change]),
         )
 
-    def expand(self) -> None:
-        """Write the coefficients of the rates."""
-        self.define("expand")
-        for k, past in enumerate(self.past):
-            row = METHOD.spectrum[k]
-            terms = {self.rates + j: float(row[j]) for j in range(STAGES)}
-            read = self.read(f"sums({self.count}, {terms}, stride={STAGES})")
-            self.loop(self.write(read, span(past, self.count)))
+    def split(self) -> None:
+        """Write what takes apart the coefficients of the rates, by their degree."""
+        n = self.n
+        for k, name in ((2, "third"), (3, "fourth"), (4, "fifth")):
+            first = k * self.count
+            slip = first + n
+            end = first + self.count
+            for own, a, b in ((name, first, slip), (f"{name}_slip", slip, end)):
+                self.lines += ["", "", f"def {own}(rates):"]
+                self.lines.append(f"    return rates[{a}:{b}]")
 
 
 def nested(function: str, values: list[str]) -> str:
@@ -363,12 +366,20 @@ def block_of(model: Model) -> Block:
     count = writer.count
     last = writer.at(STAGES - 1, writer.values, count)
     last_rates = writer.at(STAGES - 1, writer.rates, n)
-    third = writer.past[2]
-    fourth = writer.past[3]
-    fifth = writer.past[4]
+    coefficients = [
+        total
+        for row in METHOD.spectrum
+        for total in sums(
+            count,
+            {writer.rates + j: float(row[j]) for j in range(STAGES)},
+            stride=STAGES,
+        )
+    ]
     constants = writer.at(0, writer.constants, writer.n_constants)
     begin = range(writer.start, writer.start + count)
     settings = range(writer.h, writer.loaded)
+    new = [writer.fresh, *range(writer.busy, writer.busy + STAGES)]
+    new += [writer.before, writer.spent]
     return Block(
         rows=-(-writer.rows // STAGES) * STAGES,
         width=WIDTH,
@@ -378,27 +389,21 @@ def block_of(model: Model) -> Block:
         past_h=writer.past_h,
         offset=writer.offset,
         busy=writer.busy,
-        spent=writer.spent,
         values=writer.values,
         growths=writer.rates + (n + SLIP_SPEED) * STAGES,
-        constants=writer.constants,
-        n_constants=writer.n_constants,
         lane=writer.lane,
-        start=writer.start,
-        loaded=writer.loaded,
-        load=scatter(WIDTH, [*begin, *constants, *settings]),
+        load=scatter(WIDTH, [*begin, *constants, *settings, *new]),
         predict=compiled(written.predict),
         iterate=compiled(written.iterate),
-        expand=compiled(written.expand),
         state=gather(WIDTH, last[:n], []),
         slip=gather(WIDTH, last[n:], []),
         rate=gather(WIDTH, last_rates, []),
-        rates=_reader(writer.past[0], STAGES * count),
-        third=_reader(third, n),
-        third_slip=_reader(third + n, N_SLIP),
-        fourth=_reader(fourth, n),
-        fifth=_reader(fifth, n),
-        fifth_slip=_reader(fifth + n, N_SLIP),
+        rates=gather(WIDTH, coefficients, []),
+        third=compiled(written.third),
+        third_slip=compiled(written.third_slip),
+        fourth=compiled(written.fourth),
+        fifth=compiled(written.fifth),
+        fifth_slip=compiled(written.fifth_slip),
         forces=_reader(writer.normal, 2 * STAGES),
     )
 

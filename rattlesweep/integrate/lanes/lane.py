@@ -444,7 +444,6 @@ class Fields:
     stretch: Number
     rise: Number  # 18th root of the squared error of the step tried
     past_rise: Number  # the same of the last step
-    spent: Number  # iterations in the last step, and turns in which the lane waited
     waits: Flag  # whether the lane tries no step in this turn
 
     # Modes (modes.py).

@@ -87,10 +87,11 @@ DEGREES = np.arange(STAGES)
 END_RATES = (DEGREES * (DEGREES + 1)) @ METHOD.spectrum
 # The same to the value in the middle.
 (MIDDLE,) = legendre.legvander(0.0, STAGES - 1) @ METHOD.spectrum
-MAX_ITERATIONS = 25  # iterations of the equations of a step
 SOLVED = 1e-2  # share of the tolerance to which the equations are solved
 # Rounding errors of a state over its size: no step is more exact.
 ROUNDING = 1e-15
+# A fresh column: equations that are to be solved, no change and no iteration yet.
+NEW = (1.0,) * (1 + STAGES) + (0.0, 0.0)
 FAILED = 1e30  # squared error of a step whose equations were not solved
 # The ratio of two steps: a share of what would meet the tolerance, and bounds.
 SAFE_SHARE = 0.75
@@ -98,10 +99,12 @@ LEAST_STRETCH = 0.2
 MOST_STRETCH = 3.0
 LEAST_SLIDING_ERROR = 1e-16  # squared, of steps that may grow as much as they can
 
-# Lanes with so many iterations in their last step are put into blocks together.
-ITERATIONS = 7.0, 6.0, 5.0, 4.0, 0.0
-# Lanes in a block after the first, if lanes that roll step in the same turn.
+# Columns of a block in which a turn goes on, if lanes that roll step in the same turn.
 FEWEST_SLIDING = 4
+# Columns that are left for the next turn otherwise.
+FEWEST_BUSY = 6
+# Columns that become free before others take their places.
+FEWEST_FREE = 3
 
 BEGINNING = 1e-290  # speed at the begin of a slide
 # A slide ends with a step of second order if its rest is as short as this, in radians
@@ -180,7 +183,7 @@ def load_column(lane, z, column, scale):
         lane.past_rise = lane.rise
     numbers = (slip.speed, slip.angle, slip.work)
     settings = (lane.mu, lane.h, enough, lane.past_h, 1.0)
-    whole = lane.y + numbers + lane.constants + settings + lane.past
+    whole = lane.y + numbers + lane.constants + settings + lane.past + NEW
     lane.problem.block.load(z, column, whole)
     if begins or lane.past_h == 0.0:
         now = motion_of(lane, lane.y, slip)
@@ -223,9 +226,9 @@ def rates_at_start(problem, z, column, c):
     for k in range(STAGES):
         coefficient = z[(block.past + k * block.count + c) * block.width + column]
         rate += sign * coefficient
-        bend += sign * side * k * (k + 1) * coefficient / past_h
+        bend += sign * side * k * (k + 1) * coefficient
         sign *= side
-    return rate, bend
+    return rate, bend / past_h
 
 
 @njit(**INNER)
@@ -302,7 +305,7 @@ def squared_rounding(lane):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def squared_error(lane, z, column, scale):
+def squared_error(lane, z, column, rates, scale):
     """Return the squared error of the step just tried, in units of the tolerance.
 
     The tolerance is not smaller than rounding errors.  If the coefficients of the
@@ -312,14 +315,14 @@ def squared_error(lane, z, column, scale):
     block = lane.problem.block
     model = lane.problem.model
     speed = lane.slip1.speed
-    high, size = model.error(block.fifth(z, column), lane.y1, lane.constants)
-    high += squared_slip(Slip(*block.fifth_slip(z, column)), speed)
-    low, _ = model.error(block.third(z, column), lane.y1, lane.constants)
-    low += squared_slip(Slip(*block.third_slip(z, column)), speed)
+    high, size = model.error(block.fifth(rates), lane.y1, lane.constants)
+    high += squared_slip(Slip(*block.fifth_slip(rates)), speed)
+    low, _ = model.error(block.third(rates), lane.y1, lane.constants)
+    low += squared_slip(Slip(*block.third_slip(rates)), speed)
     fall = high / (low + TINY)
     error = high * fall * fall
     if model.pivot is not None:
-        error += squared_error_of_spin(lane, z, column)
+        error += squared_error_of_spin(lane, z, column, rates)
     return error * lane.h * lane.h / max(size / scale, squared_rounding(lane))
 
 
@@ -342,7 +345,7 @@ def stretch(lane):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def squared_error_of_spin(lane, z, column):
+def squared_error_of_spin(lane, z, column, rates):
     """Return the square of the error of the spin in a step of size 1.
 
     The torque of the patch falls fast as the slide begins, and its coefficients may be
@@ -351,9 +354,9 @@ def squared_error_of_spin(lane, z, column):
     """
     block = lane.problem.block
     model = lane.problem.model
-    third = model.spin_rate(lane.y1, block.third(z, column)) ** 2
-    fourth = model.spin_rate(lane.y1, block.fourth(z, column)) ** 2
-    fifth = model.spin_rate(lane.y1, block.fifth(z, column)) ** 2
+    third = model.spin_rate(lane.y1, block.third(rates)) ** 2
+    fourth = model.spin_rate(lane.y1, block.fourth(rates)) ** 2
+    fifth = model.spin_rate(lane.y1, block.fifth(rates)) ** 2
     fall = fifth / (fourth + TINY)
     fall = min(1.0, max(fifth / (third + TINY), fall * fall))
     error = fifth * fall * fall
@@ -411,8 +414,10 @@ def note_forces(lane, z, column):
     for i in range(STAGES):
         normal_half += MIDDLE[i] * forces[i]
         margin_half += MIDDLE[i] * forces[STAGES + i]
-        normal_rate += END_RATES[i] * forces[i] / lane.h
-        margin_rate += END_RATES[i] * forces[STAGES + i] / lane.h
+        normal_rate += END_RATES[i] * forces[i]
+        margin_rate += END_RATES[i] * forces[STAGES + i]
+    normal_rate /= lane.h
+    margin_rate /= lane.h
     left = lane.problem.modes.left
     ahead = DIFFERENCE / lane.swing
     height = left(lane, lane.y1)
@@ -653,11 +658,11 @@ def take_from(lane, z, column, scale, contact_recorded):
         lane.error = FAILED
         lane.tried_h = 0.0
         return
-    lane.tried = block.rates(z, column)
+    rates = block.rates(z, column)
+    lane.error = squared_error(lane, z, column, rates, scale)
+    lane.tried = rates
     lane.tried_h = lane.h
-    lane.error = squared_error(lane, z, column, scale)
     lane.stretch = stretch(lane)
-    lane.spent = z[block.spent * block.width + column]
     limit_half, lift_half = note_forces(lane, z, column)
     observe(lane, contact_recorded, limit_half, lift_half)
 
@@ -666,32 +671,45 @@ def take_from(lane, z, column, scale, contact_recorded):
 def lane_in(problem, w, z, column):
     """Return the lane whose step is in a column."""
     block = problem.block
-    return lane_of(problem, w, int(z[block.lane * block.width + column]))
+    return lane_of(problem, w, int(z[block.lane * block.width + column]) - 1)
 
 
 @njit(**INNER)
-def solve_block(problem, w, z, count, scale, contact_recorded):
-    """Take the steps of the first ``count`` columns."""
+def fill(problem, w, z, waiting, free, scale, contact_recorded):
+    """Let lanes take free columns; return those that still wait, and free columns."""
     block = problem.block
-    # The columns that are left repeat the first.
-    for column in range(count, block.width):
-        for row in range(block.start, block.loaded):
-            z[row * block.width + column] = z[row * block.width]
-        for k in range(block.n_constants):
-            row = block.constants + k * STAGES
-            z[row * block.width + column] = z[row * block.width]
-    block.predict(problem, z)
-    for column in range(count):
+    before = free
+    while waiting != 0 and free != 0:
+        l = lowest_bit(waiting)
+        waiting &= waiting - 1
+        lane = lane_of(problem, w, l)
+        column = lowest_bit(free)
+        if end_or_load(lane, z, column, scale, contact_recorded):
+            free &= free - 1
+            z[block.lane * block.width + column] = l + 1.0
+    taken = before & ~free
+    if taken != 0:
+        block.predict(problem, z)
+    while taken != 0:
+        column = lowest_bit(taken)
+        taken &= taken - 1
         lane = lane_in(problem, w, z, column)
         if lane.slip.speed <= BEGINNING:
             guess_beginning(lane, z, column)
-    for _ in range(MAX_ITERATIONS):
-        if block.iterate(problem, z) == 0:
-            break
-    block.expand(problem, z)
-    for column in range(count):
-        lane = lane_in(problem, w, z, column)
-        take_from(lane, z, column, scale, contact_recorded)
+    return waiting, free
+
+
+@njit(**INNER)
+def empty(problem, w, z, free, scale, contact_recorded):
+    """Take the steps whose equations are solved, or cannot be; return free columns."""
+    block = problem.block
+    for column in range(block.width):
+        if (free >> column) & 1 == 0 and z[block.busy * block.width + column] <= 0.0:
+            lane = lane_in(problem, w, z, column)
+            take_from(lane, z, column, scale, contact_recorded)
+            z[block.lane * block.width + column] = 0.0
+            free |= 1 << column
+    return free
 
 
 @njit(**INNER)
@@ -745,39 +763,42 @@ def sliding_lanes(problem, w):
 
 
 def slide_lanes(problem, w, scale, contact_recorded, fewest):
-    """Try a step on every lane that slides.
+    """Try a step on lanes that slide.
 
-    Fewer lanes than ``fewest`` that would be in a block after another one wait.
+    Each column of the block takes the next lane once its own step is solved.  If fewer
+    columns than ``fewest`` are left, their lanes wait, and go on in the next turn.
 
     The block is at the end of the workspace.
     """
     block = problem.block
     z = w[w.size - block.rows * block.width :]
     waiting = sliding_lanes(problem, w)
-    count = 0
-    # A block takes as many iterations as the lane with most of them.
-    for least in ITERATIONS:
-        left = waiting
-        while left != 0:
-            l = lowest_bit(left)
-            left &= left - 1
-            lane = lane_of(problem, w, l)
-            if lane.spent < least:
-                continue
-            waiting ^= 1 << l
-            if not end_or_load(lane, z, count, scale, contact_recorded):
-                continue
-            z[block.lane * block.width + count] = l
-            count += 1
-            if count == block.width:
-                solve_block(problem, w, z, count, scale, contact_recorded)
-                count = 0
-                if bits_of(waiting) < fewest:
-                    let_wait(problem, w, waiting)
-                    waiting = 0
-                    left = 0
-    if count > 0:
-        solve_block(problem, w, z, count, scale, contact_recorded)
+    free = 0
+    for column in range(block.width):
+        l = int(z[block.lane * block.width + column]) - 1
+        if l < 0:
+            free |= 1 << column
+        else:
+            waiting &= ~(1 << l)
+    fewest = min(fewest, FEWEST_BUSY)
+    some = False
+    while True:
+        waiting, free = fill(problem, w, z, waiting, free, scale, contact_recorded)
+        busy = block.width - bits_of(free)
+        if busy == 0 or (some and waiting == 0 and busy < fewest):
+            break
+        # Fewer are left in the end, or before others come.
+        few = max(0, busy - FEWEST_FREE) if waiting != 0 else max(0, fewest - 1)
+        few = min(few, busy - 1)
+        while block.iterate(problem, z) > few:
+            pass
+        free = empty(problem, w, z, free, scale, contact_recorded)
+        some = True
+    for column in range(block.width):
+        if (free >> column) & 1 == 0:
+            lane = lane_in(problem, w, z, column)
+            hold_back(lane)
+            lane.waits = 1.0
 
 
 @njit(**INNER)
@@ -788,17 +809,6 @@ def bits_of(bits):
         bits &= bits - 1
         count += 1
     return count
-
-
-@njit(**INNER)
-def let_wait(problem, w, waiting):
-    """Let lanes wait for the next turn, in which they come earlier."""
-    while waiting != 0:
-        lane = lane_of(problem, w, lowest_bit(waiting))
-        waiting &= waiting - 1
-        hold_back(lane)
-        lane.waits = 1.0
-        lane.spent += 1.0
 
 
 # From rolling to sliding and back.
