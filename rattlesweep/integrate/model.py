@@ -8,7 +8,8 @@ and, with friction, a law (:class:`~rattlesweep.physics.surface.Friction`).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import inf
+from functools import cached_property
+from math import inf, sqrt
 
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import (
@@ -70,7 +71,8 @@ class Model:
     error: Formula
     # energy(y, constants): conserved; with friction, the energy minus work
     energy: Formula
-    contact: Formula  # contact(y, constants): normal force, then tangential force
+    # force(y, dy, constants): normal force, then the square of the tangential force
+    force: Formula
     work: Formula  # work(y): work of friction since the launch, negative
 
     # Where a run ends or changes.
@@ -119,6 +121,20 @@ class Model:
     factor: Formula | None = None
     solve: Formula | None = None
     trivial: Formula | None = None
+
+    @cached_property
+    def contact(self) -> Formula:
+        """The formula ``contact(y, constants)``: normal and tangential force."""
+        rhs = self.rhs
+        force = self.force
+
+        @scalar
+        def contact(y, constants):
+            normal, square = force(y, rhs(y, constants), constants)
+            return normal, sqrt(square)
+
+        formula: Formula = contact
+        return formula
 
     @property
     def n_constants(self) -> int:
@@ -192,8 +208,8 @@ def _energy(y, constants):
 
 
 @scalar
-def _contact(y, constants):
-    return full.contact_force(*(y + constants))
+def _force(y, dy, constants):
+    return full.contact_force(*(y + dy + constants[3:]))
 
 
 @scalar
@@ -240,7 +256,7 @@ FULL = Model(
     amplitude=_amplitude,
     error=_error,
     energy=_energy,
-    contact=_contact,
+    force=_force,
     work=_no_work,
     rise=_rise(full.paraboloid, further=0),
     surface=surface.PARABOLOID,
@@ -380,8 +396,8 @@ def _vectors_energy(y, constants):
 
 
 @scalar
-def _vectors_contact(y, constants):
-    return vectors.contact_force(*(y[:7] + constants))
+def _vectors_force(y, dy, constants):
+    return vectors.contact_force(*(y[:6] + dy[3:6] + constants[3:7]))
 
 
 @scalar
@@ -413,7 +429,7 @@ VECTORS = Model(
     amplitude=_vectors_amplitude,
     error=_vectors_error,
     energy=_vectors_energy,
-    contact=_vectors_contact,
+    force=_vectors_force,
     work=_vectors_work,
     rise=_vectors_rise,
     volume=_vectors_volume,
@@ -449,12 +465,6 @@ def _vectors_pivoting_rhs(y, constants):
 
 
 @scalar
-def _vectors_pivoting_contact(y, constants):
-    changed, _, _, _, (u, omega, r, w) = _vectors_parts(y, constants)
-    return stone.force_at(*u, *omega, *changed, *r, *w)
-
-
-@scalar
 def _vectors_pivot(y, constants):
     _, torque, normal, _, _ = _vectors_parts(y, constants)
     return torque, normal
@@ -471,7 +481,6 @@ VECTORS_PIVOTING = replace(
     n_state=vectors.N_STATE + 1,
     constants=(*vectors.CONSTANTS, "pivot", "sense"),
     rhs=_vectors_pivoting_rhs,
-    contact=_vectors_pivoting_contact,
     volume=None,
     pivot=_vectors_pivot,
     pivot_work=_vectors_pivot_work,
@@ -498,9 +507,9 @@ def _frictionless(on: Surface) -> Model:
         return surface_energy(*(y + constants))
 
     @scalar
-    def contact(y, constants):
+    def force(y, dy, constants):
         p, q, a, b, c = y
-        dp, dq, da, db, dc = rhs(y, constants)
+        dp, dq, da, db, dc = dy
         return stone.surface_force(
             touch, p, q, a, b, c, dp, dq, da, db, dc, constants[3:]
         )
@@ -511,7 +520,7 @@ def _frictionless(on: Surface) -> Model:
         constants=stone.CONSTANTS,
         rhs=rhs,
         energy=energy,
-        contact=contact,
+        force=force,
         rise=_rise(touch, further=1),
         surface=on,
         volume=_volume if on.quadric else None,
@@ -565,9 +574,9 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
         return law_rhs(touch, y, constants[:3], constants[3:7], constants[7:])
 
     @scalar
-    def contact(y, constants):
+    def force(y, dy, constants):
         p, q, a, b, c = y[:5]
-        dp, dq, da, db, dc = rhs(y, constants)[:5]
+        dp, dq, da, db, dc = dy[:5]
         return stone.surface_force(
             touch, p, q, a, b, c, dp, dq, da, db, dc, constants[3:7]
         )
@@ -584,7 +593,7 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
         rhs=rhs,
         error=_error_with_friction,
         energy=energy,
-        contact=contact,
+        force=force,
         work=_work,
         rise=_rise(touch, further=1),
         volume=_volume_with_friction if on.quadric and law.in_vectors else None,
@@ -836,7 +845,7 @@ def _reduced_energy(y, constants):
 
 
 @scalar
-def _reduced_contact(y, constants):
+def _no_force(y, dy, constants):
     return 1.0, 0.0
 
 
@@ -864,7 +873,7 @@ REDUCED = Model(
     amplitude=_reduced_amplitude,
     error=_reduced_error,
     energy=_reduced_energy,
-    contact=_reduced_contact,
+    force=_no_force,
     work=_no_work,
 )
 

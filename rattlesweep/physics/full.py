@@ -215,7 +215,7 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k=0.0):
 
 @scalar
 def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):
-    """Return ``F . u`` and ``|F - (F . u) u|`` of the contact force (Eq. 1).
+    """Return ``F . u`` and ``(F - (F . u) u)^2`` of the contact force (Eq. 1).
 
     The contact point ``r = (x, y, z)`` has the derivative ``(xd, yd, zd)``, and ``v = r
     x omega``. ``F . u`` is negative where the plane would have to pull.
@@ -226,13 +226,12 @@ def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):
     gz = (xd * b - yd * a) + (x * db - y * da) + (a * vy - b * vx)
     lift = gx * ux + gy * uy + gz * uz
     hx, hy, hz = gx - lift * ux, gy - lift * uy, gz - lift * uz
-    return 1.0 + lift, sqrt(hx * hx + hy * hy + hz * hz)
+    return 1.0 + lift, hx * hx + hy * hy + hz * hz
 
 
 @scalar
-def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the normal and the tangential contact force, as :func:`force` does."""
-    dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+def contact_force(p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy):
+    """Return the contact force, as :func:`force` does, from the derivative."""
     x = p + cxx * p + cxy * q
     y = q + cxy * p + cyy * q
     z = 1.0 - 0.5 * (x * p + y * q)

@@ -153,16 +153,13 @@ def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
 
 
 @scalar
-def contact_force(
-    vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-):
+def contact_force(vx, vy, vz, a, b, c, da, db, dc, cxx, cxy, cyy, k):
     """Return the contact force in ``M g``, as :func:`full.force` does."""
-    f = rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
     u = unit(vx, vy, vz)
     omega = (a, b, c)
     r, rho = contact_under(*u, cxx, cxy, cyy, k)
     w = moving(u, omega, r, rho, cxx, cxy, cyy, k)
-    return force_at(*u, *omega, f[3], f[4], f[5], *r, *w)
+    return force_at(*u, *omega, da, db, dc, *r, *w)
 
 
 @scalar

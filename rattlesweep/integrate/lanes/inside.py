@@ -34,6 +34,12 @@ GLANCED = 5.0
 SLACK_OF_STATE = 5e-3
 SLACK_OF_QUARTIC = 5e-4
 OF_BUMP = 0.5 / 16.0
+# What a function may fall below three of its values, as a share of their spread and
+# their second difference: in short steps, and what is added at a step of 1 rad, which
+# grows with the fourth power.  For a harmonic with the frequency of the swing this is
+# enough in all steps that are glanced at; with twice that frequency, up to 2.7 rad.
+ROUGH_SHARE = 0.25
+ROUGH_GROWTH = 1.0 / 100.0
 NEAR_END = 1e-3  # a peak nearer to an end of the step is first sought there
 FINE = 1e-8  # smallest relative excess over the largest value so far that counts
 LEAST = 1e-15  # the same, absolute: a rounding error
@@ -92,6 +98,38 @@ def state_at(lane, beyond, share):
     y = moved(moved(lane.y, lane.y, -end), lane.y1, end)
     y = moved(moved(y, lane.f, rate0 - bend0), lane.f1, rate1 - bend1)
     return moved(moved(y, first, bend0), last, bend1)
+
+
+@scalar
+def middle_rate(lane):
+    """Return the derivative in the middle of the step, by the same cubic."""
+    slope = 1.5 / (lane.h + TINY)
+    rise = moved(lane.y1, lane.y, -1.0)
+    ends = moved(lane.f, lane.f1, 1.0)
+    none = moved(rise, rise, -1.0)
+    return moved(moved(none, rise, slope), ends, -0.25)
+
+
+# A rough look.
+
+
+@scalar
+def may_dip(start, half, end, angle):
+    """Return whether a positive function may fall to zero, from three of its values.
+
+    ``half`` is its value in the middle, ``angle`` the length of the step in radians of
+    the fastest swing; steps longer than :data:`GLANCED` are too long for it.  How far
+    the function may fall below the least of its values is told from their spread and
+    from their second difference.
+    """
+    low = start if start < end else end
+    top = start if start > end else end
+    low = half if half < low else low
+    top = half if half > top else top
+    square = angle * angle
+    share = ROUGH_SHARE + ROUGH_GROWTH * square * square
+    unsure = share * (abs(start + end - 2.0 * half) + (top - low))
+    return low - unsure <= 0.0
 
 
 # A glance.

@@ -183,9 +183,6 @@ def decide(problem, w, dt, max_steps):
             # rejection.
             root = rough_root(error + LEAST_ERROR)
             ratio = SAFETY * lane.root0 / (root * root)
-            if problem.slides:
-                own = lane.stretch
-                ratio = own if own > 0.0 else ratio
             h_next = h * (1.0 if (lane.held > 0.0) & (ratio > 1.0) else ratio)
             longest = lane.h_longest
             h_next = h_next if h_next < longest else longest
@@ -204,13 +201,6 @@ def decide(problem, w, dt, max_steps):
             | (lane.watched > 0.0)
             | (not accept)
         )
-        if problem.slides:
-            waits = lane.waits > 0.0
-            accept &= not waits
-            due &= not waits
-            h_next = h if waits else h_next
-            before = lane.root0
-            root = before if waits else root
         bits |= (1 if due else 0) << l
         lane.h_next = h_next
         lane.root = root
@@ -329,23 +319,25 @@ def look(problem, parts, w, stage, recording):
 def try_step(problem, parts, w, options, recording):
     """Try a step on every lane, decide on it, and return which lanes are due.
 
-    Lanes may wait for a turn that more lanes share (`slides.plan_turn`).
+    Lanes may wait for a turn that more lanes share (`slides.plan`).
     """
-    rolls = slides.plan_turn(problem, w) if problem.slides else True
+    rolls, some_slide = problem.modes.plan(problem, w)
     if rolls:
         call(parts[ATTEMPT], (problem, w, options.scale))
-        if problem.limited:
-            problem.modes.observe_limit(problem, w)
+        problem.modes.observe_limit(problem, w)
         if recorded(recording.contact):
             look(problem, parts, w, looks.ROLLED, recording)
-    if problem.slides:
+    if problem.slides and some_slide:
         # Lanes that slide replace what was done to them.
         fewest = slides.FEWEST_SLIDING if rolls else WIDTH
         arguments = problem, w, options.scale, recorded(recording.contact), fewest
         call(parts[SLIDE], arguments)
     if looks_within(recording):
         look(problem, parts, w, looks.STEPPED, recording)
-    return decide(problem, w, options.fixed_step, options.most_steps)
+    due = decide(problem, w, options.fixed_step, options.most_steps)
+    if some_slide:
+        due = problem.modes.decide(problem, w, due)
+    return due
 
 
 @njit(forceinline=True, **INNER)
@@ -383,6 +375,7 @@ def search_closely(problem, parts, w, l, max_steps, recording):
     if lane.search == STEP and lane.accept == 0.0:
         return reject(problem, lane, max_steps), HOLD
     if lane.search < PEAK:
+        problem.modes.look(lane)
         status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, ZEROS))
         goes_on = runs.goes_on(problem, recording)
         while move == ARRIVED or (move == REVERSED and goes_on):

@@ -380,7 +380,10 @@ class Fields:
     beyond: Point  # the point after the bracketed zero
 
     # Functions of the state, at both ends of the step.
-    limit0: Point  # the limit of the model
+    margin0: Number  # a smooth one with the sign of the limit, while the lane rolls
+    margin1: Number
+    # The limit of the mode; while the lane rolls, only of steps that are searched.
+    limit0: Point
     limit1: Point
     ratio0: Point  # ratio of the contact forces
     ratio1: Point
@@ -455,6 +458,7 @@ class Fields:
     t_hold: Number  # begin of the last one
     held_time: Number  # time held in rests that have ended
     rate_held: Number  # `rate_max` at the begin of the last one
+    left_zero: Number  # `steps` when the spin last left zero, -1 for never
 
     # Reversals; times are -1 for none.
     t_zero: Number  # first zero of the spin
@@ -578,8 +582,14 @@ class Mode:
     # change(lane, status, move, recording): after a step that is taken or ends the run,
     # let the lane go over to the mode that follows; return the status and the move then
     change: Callable[..., tuple[int, int]]
-    # observe_limit(problem, w): compute it for the lanes that move so, where the limit
-    # of most lanes is another
+    # margin(lane, y, f): of a mode in which most lanes are, a smooth function with the
+    # sign of the limit; None where the limit is never zero
+    margin: Callable[..., float] | None = None
+    # is_calm(lane): whether it stays positive in a step tried that is short of rims;
+    # None where that is not known
+    is_calm: Callable[..., bool] | None = None
+    # observe_limit(problem, w): compute the limit for the lanes that move so, where
+    # that of most lanes is another
     observe_limit: Callable[..., None] | None = None
     # Fields that it adds to the results of a run, with their types, and
     # store(lane, t, result), which writes them at the end of the run, the time t.
@@ -592,8 +602,17 @@ class ModeSet:
     """All modes of a model's bodies together, as compiled functions of any lane."""
 
     limit: Callable[..., Point]
-    # observe_limit(problem, w): compute the limit of all lanes at the end of the step
+    # margin(lane, y, f): that of the mode in which most lanes are
+    margin: Callable[..., float]
+    # observe_limit(problem, w): tell which steps tried may end at a zero of the limit
     observe_limit: Callable[..., None]
+    # look(lane): compute the limit at the ends of a step tried that is to be searched
+    look: Callable[..., None]
+    # plan(problem, w): return whether lanes that roll try a step in this turn, and
+    # whether there are lanes that slide
+    plan: Callable[..., tuple[bool, bool]]
+    # decide(problem, w, due): decide on lanes that slide or wait; return which are due
+    decide: Callable[..., int]
     change: Callable[..., tuple[int, int]]
     # prepare(lane, constants, rate): set what the equations need of a launch, of which
     # `constants` are all and `rate` bounds the rate of the spin

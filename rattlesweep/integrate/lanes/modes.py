@@ -30,13 +30,19 @@ import numpy as np
 from numba import njit
 
 from rattlesweep.integrate.lanes import inside, pivots, runs, slides
+from rattlesweep.integrate.lanes.events import LIMIT, STEP
 from rattlesweep.integrate.lanes.lane import (
     DIFFERENCE,
+    HELD,
     INNER,
+    KEPT_APART,
+    PIVOTING,
     ROLLING,
+    SLIDING,
     Mode,
     ModeSet,
     Point,
+    apart,
     choice,
     lane_of,
     moved,
@@ -71,6 +77,24 @@ def limit_of_model(lane, h, y, f):
 
 
 @scalar
+def margin_of_model(lane, y, f):
+    """Return the limit of the model."""
+    return lane.problem.model.limit(y, lane.constants)
+
+
+@scalar
+def no_margin(lane, y, f):
+    """Return the margin of a body that rolls whatever the force."""
+    return 1.0
+
+
+@scalar
+def never_calm(lane):
+    """Return that it is not known how far a margin falls in a long step."""
+    return False
+
+
+@scalar
 def no_rim(lane, y):
     """Return the height that is left below the rim of a body without one."""
     return 1.0
@@ -89,6 +113,12 @@ def limit_at_rim(lane, h, y, f):
     now = below_rim(lane, y)
     later = below_rim(lane, moved(y, f, ahead))
     return Point(h, now, (later - now) / ahead)
+
+
+@scalar
+def margin_at_rim(lane, y, f):
+    """Return the height that is left below the rim."""
+    return below_rim(lane, y)
 
 
 @njit(**INNER)
@@ -157,34 +187,93 @@ def in_turn(functions: Sequence[Callable[..., None] | None]) -> Callable[..., No
     return all_of
 
 
-def observe_limits(limit_of_most: Callable[..., Point]) -> Callable[..., None]:
-    """Return a function that computes a limit at the end of the step on all lanes."""
+def observe_margin(
+    margin: Callable[..., float], is_calm: Callable[..., bool]
+) -> Callable[..., None]:
+    """Return a function that looks at the margin in the steps tried on all lanes.
+
+    It needs no right-hand side: the margin follows from the state and its derivative,
+    and within the step from those of the cubic through both ends.  A step too long for
+    this is searched unless it is calm.
+    """
 
     @njit(fastmath=FASTMATH, **INNER)
     def observe_limit(problem, w):
         widest_vectors()
         for l in range(problem.lanes):
             lane = lane_of(problem, w, l)
-            end = limit_of_most(lane, lane.h, lane.y1, lane.f1)
-            start = lane.limit0
-            lane.limit1 = end
-            half = limit_of_most(lane, lane.h, inside.middle(lane), lane.f1)
+            start = lane.margin0
+            half = margin(lane, inside.middle(lane), inside.middle_rate(lane))
+            end = margin(lane, lane.y1, lane.f1)
             angle = lane.h * lane.swing
-            leaves = 1.0 if inside.falls(start, half.value, end, angle) else 0.0
+            dips = inside.may_dip(start, half, end, angle)
+            swings = not is_calm(lane)
+            leaves = 1.0 if (swings if angle > inside.GLANCED else dips) else 0.0
+            watched = lane.watched
+            lane.margin1 = end
             lane.leaves = leaves
-            lane.watched += leaves
+            lane.watched = watched + leaves
 
     return observe_limit
 
 
+@njit(**INNER)
+def observe_nothing(problem, w):
+    """Let no step end at a zero of the limit."""
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        lane.leaves = 0.0
+
+
+@njit(fastmath=FASTMATH, **KEPT_APART)
+def look(lane):
+    """Compute the limit at the ends of the step tried, where it is to be searched.
+
+    A closer look, with the rates of the limit, tells whether the step may end at a zero
+    of it.  Steps of lanes that slide or are held have computed it.
+    """
+    apart()
+    limit = lane.problem.modes.limit
+    rolls = lane.mode != SLIDING and lane.mode != HELD
+    if lane.search != STEP:
+        if rolls and lane.searched == LIMIT:
+            lane.limit1 = limit(lane, lane.h, lane.y1, lane.f1)
+        return
+    if lane.mode == SLIDING or (lane.leaves == 0.0 and lane.mode != PIVOTING):
+        return
+    if rolls:
+        lane.limit0 = limit(lane, 0.0, lane.y, lane.f)
+        lane.limit1 = limit(lane, lane.h, lane.y1, lane.f1)
+    if lane.problem.pivots and lane.mode == PIVOTING and lane.left_zero == lane.steps:
+        # Where the spin leaves zero, its rate is a rounding error, too.
+        begin = lane.limit0
+        lane.limit0 = Point(0.0, begin.value, max(begin.rate, 0.0))
+    if lane.leaves > 0.0:
+        half = limit(lane, lane.h, inside.middle(lane), inside.middle_rate(lane))
+        angle = lane.h * lane.swing
+        falls = inside.falls(lane.limit0, half.value, lane.limit1, angle)
+        lane.leaves = 1.0 if falls else 0.0
+
+
+@njit(**INNER)
+def roll_on(problem, w):
+    """Return that all lanes try a step in this turn, and that none slides."""
+    return True, False
+
+
+@njit(**INNER)
+def keep(problem, w, due):
+    """Return which lanes are due."""
+    return due
+
+
 def modes_of(model: Model, rimmed: bool) -> ModeSet:
     """Return the modes of a model's bodies."""
-    limit = no_limit if model.limit is None else limit_of_model
-    change = go_on
+    rolling = Mode(ROLLING, no_limit, go_on)
+    if model.limit is not None:
+        rolling = Mode(ROLLING, limit_of_model, go_on, margin_of_model)
     if rimmed:
-        limit = limit_at_rim
-        change = end_at_rim
-    rolling = Mode(ROLLING, limit, change)
+        rolling = Mode(ROLLING, limit_at_rim, end_at_rim, margin_at_rim)
     further = ()
     if model.slide is not None:
         rolling = slides.ROLLING_MODE
@@ -193,10 +282,21 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
     if model.pivot is not None:
         pivoting = pivots.pivoting_modes(rolling)
         modes = (*pivoting, *further)
+    margin = rolling.margin
     observed = [mode.observe_limit for mode in modes]
+    has_limit = margin is not None or model.pivot is not None
+    if margin is not None:
+        is_calm = never_calm if rimmed else rolling.is_calm or never_calm
+        observed.insert(0, observe_margin(margin, is_calm))
+    elif has_limit:
+        observed.insert(0, observe_nothing)
     combined = ModeSet(
         limit=of_mode(modes, "limit"),
-        observe_limit=in_turn([observe_limits(modes[0].limit), *observed]),
+        margin=margin or no_margin,
+        observe_limit=in_turn(observed),
+        look=look if has_limit else nothing,
+        plan=roll_on,
+        decide=keep,
         change=of_mode(modes, "change"),
         prepare=nothing,
         launch=nothing,
@@ -213,6 +313,8 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
     if model.slide is not None:
         combined = replace(
             combined,
+            plan=slides.plan,
+            decide=slides.decide,
             prepare=slides.prepare,
             launch=slides.launch,
             advance=slides.advance,

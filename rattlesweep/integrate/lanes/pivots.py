@@ -97,30 +97,6 @@ def turn_point(lane, h, y, f):
     return Point(h, 1.0 if sense == 0.0 else value, rate)
 
 
-@njit(fastmath=FASTMATH, **INNER)
-def observe_held(problem, w):
-    """Compute the limit at the end of the step tried on every lane that is held."""
-    widest_vectors()
-    held = 0.0
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        held += 1.0 if lane.mode == HELD else 0.0
-    if held == 0.0:
-        return
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        end = held_point(lane, lane.h, lane.y1, lane.f1)
-        limit = lane.limit1
-        both = both_of(limit, end)
-        is_held = lane.mode == HELD
-        leaves = 1.0 if is_held & may_fall(lane.limit0, both) else 0.0
-        value = both.value if is_held else limit.value
-        rate = both.rate if is_held else limit.rate
-        lane.limit1 = Point(lane.h, value, rate)
-        lane.leaves = max(lane.leaves, leaves)
-        lane.watched += leaves
-
-
 @njit(**KEPT_APART)
 def distance_from_zero(lane):
     """Return how far a lane is from the limit of the spin, as a share of its scale."""
@@ -210,8 +186,9 @@ def leave_zero(lane, t):
         hold_spin(lane, t)
     runs.jump(lane)
     begin = lane.limit1
-    # At the end of a rest the rate of the spin is a rounding error, too.
+    # At the end of a rest the rate of the spin is a rounding error, too (`modes.look`).
     lane.limit1 = Point(begin.h, begin.value, max(begin.rate, 0.0))
+    lane.left_zero = lane.steps + 1.0
     lane.h_next = lane.full_next
     return sense
 
@@ -237,6 +214,7 @@ def preparing(base_prepare: Callable[..., None]) -> Callable[..., None]:
     def prepare(lane, constants, rate):
         base_prepare(lane, constants, rate)
         lane.t_held = -1.0
+        lane.left_zero = -1.0
         lane.rate_max = rate
         settle(lane, lane.y, 0.0)
 
@@ -280,6 +258,28 @@ def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
             release(lane, t)
         return status, move
 
+    @njit(fastmath=FASTMATH, **INNER)
+    def observe_held(problem, w):
+        """Compute the limit at the end of the step tried on every lane that is held."""
+        widest_vectors()
+        held = 0
+        for l in range(problem.lanes):
+            lane = lane_of(problem, w, l)
+            held += 1 if lane.mode == HELD else 0
+        if held == 0:
+            return
+        for l in range(problem.lanes):
+            lane = lane_of(problem, w, l)
+            limit = lane.limit1
+            both = limit_held(lane, lane.h, lane.y1, lane.f1)
+            is_held = lane.mode == HELD
+            leaves = 1.0 if is_held & may_fall(lane.limit0, both) else 0.0
+            value = both.value if is_held else limit.value
+            rate = both.rate if is_held else limit.rate
+            lane.limit1 = Point(lane.h, value, rate)
+            lane.leaves = max(lane.leaves, leaves)
+            lane.watched += leaves
+
     @njit(**KEPT_APART)
     def change(lane, status, move, recording):
         apart()
@@ -305,6 +305,13 @@ def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
         return status, move
 
     return (
-        Mode(PIVOTING, limit, change),
-        Mode(HELD, limit_held, change, observe_held, RESULTS, store),
+        Mode(PIVOTING, limit, change, rolling.margin),
+        Mode(
+            HELD,
+            limit_held,
+            change,
+            observe_limit=observe_held,
+            results=RESULTS,
+            store=store,
+        ),
     )

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from rattlesweep.arrays import Floats
 from rattlesweep.integrate.lanes.lane import (
     DIFFERENCE,
+    HELD,
     INNER,
     NEVER,
+    SLIDING,
     Point,
     clear,
     first_of,
@@ -255,10 +257,8 @@ def note_mark(lane, marks):
 @njit(**INNER)
 def start_points(lane):
     """Let the functions at the end of the step be those at the next start."""
-    limit = lane.limit1
     ratio = lane.ratio1
     lift = lane.lift1
-    lane.limit0 = Point(0.0, limit.value, limit.rate)
     lane.ratio0 = Point(0.0, ratio.value, ratio.rate)
     lane.lift0 = Point(0.0, lift.value, lift.rate)
 
@@ -267,6 +267,16 @@ def start_points(lane):
 def advance_limit(problem, w):
     """Let the limit at the end of an accepted step be the one at the next start."""
     widest_vectors()
+    others = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        start = lane.margin0
+        end = lane.margin1
+        mode = lane.mode
+        lane.margin0 = end if lane.accept > 0.0 else start
+        others += 1 if (mode == SLIDING) | (mode == HELD) else 0
+    if others == 0:
+        return
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         moves = lane.accept > 0.0
@@ -295,6 +305,7 @@ def jump(lane):
     f = model.rhs(y, lane.constants)
     lane.f1 = f
     lane.rate1 = model.spin_rate(y, f)
+    lane.margin1 = lane.problem.modes.margin(lane, y, f)
     lane.limit1 = lane.problem.modes.limit(lane, lane.h, y, f)
     lane.ratio1, lane.lift1 = contact_points(lane, lane.h, y, f)
     lane.root = 1.0
@@ -408,7 +419,8 @@ def start(lane, run, inputs):
     lane.rim = plan["rim"]
     if lane.problem.modes.left(lane, lane.y) <= 0.0:
         lane.watched = 1.0
-    lane.limit1 = lane.problem.modes.limit(lane, 0.0, lane.y, lane.f)
+    lane.margin0 = lane.problem.modes.margin(lane, lane.y, lane.f)
+    lane.limit0 = lane.problem.modes.limit(lane, 0.0, lane.y, lane.f)
     lane.ratio1, lane.lift1 = contact_points(lane, 0.0, lane.y, lane.f)
     lane.normal_min = NEVER
     note_contact(lane)

@@ -53,6 +53,7 @@ from rattlesweep.integrate.lanes.lane import (
     lowest_bit,
     moved,
     rough_root,
+    widest_vectors,
 )
 from rattlesweep.integrate.lanes.motion import (
     LEAST_MOBILITY,
@@ -713,6 +714,19 @@ def empty(problem, w, z, free, scale, contact_recorded):
 
 
 @njit(**INNER)
+def plan(problem, w):
+    """Return what `ModeSet.plan` does: whether lanes roll, and whether some slide."""
+    widest_vectors()
+    others = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        others += 1 if (lane.refused > 0.0) | (lane.mode == SLIDING) else 0
+    if others == 0:
+        return True, False
+    return plan_turn(problem, w), True
+
+
+@njit(**INNER)
 def plan_turn(problem, w):
     """Return whether the lanes that roll try a step in this turn, or wait.
 
@@ -745,21 +759,36 @@ def plan_turn(problem, w):
 @njit(**INNER)
 def sliding_lanes(problem, w):
     """Return which lanes slide, as bits."""
-    others = 0
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        lane.stretch = 0.0
-        others += 1 if (lane.refused > 0.0) | (lane.mode == SLIDING) else 0
-    if others == 0:
-        return 0
     bits = 0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
+        lane.stretch = 0.0
         if lane.refused > 0.0:
             lane.waits = 0.0
             stay(lane)
         bits |= (1 if (lane.refused == 0.0) & (lane.mode == SLIDING) else 0) << l
     return bits
+
+
+@njit(**INNER)
+def decide(problem, w, due):
+    """Decide on lanes that slide or wait, after all others; return which are due.
+
+    A slide has its own ratio of two steps.  A lane that waits tries its step again.
+    """
+    waiting = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        waits = lane.waits > 0.0
+        if lane.stretch > 0.0:
+            ratio = min(lane.stretch, 1.0) if lane.held > 0.0 else lane.stretch
+            lane.h_next = min(lane.h * ratio, lane.h_longest)
+        if waits:
+            lane.h_next = lane.h
+            lane.root = lane.root0
+            lane.accept = 0.0
+            waiting |= 1 << l
+    return due & ~waiting
 
 
 def slide_lanes(problem, w, scale, contact_recorded, fewest):
@@ -830,6 +859,37 @@ def hold_point(lane, h, y, f):
     normal, tangential = contact(y_later, lane.constants)
     later = both(lane.mu * normal - tangential, left(lane, y_later))
     return Point(h, now, (later - now) / ahead)
+
+
+@scalar
+def hold_margin(lane, y, f):
+    """Return a smooth function with the sign of :func:`hold_point`.
+
+    It is ``(mu F_n)^2 - F_t^2``, with the sign of ``F_n`` before the first square, and
+    the height that is left.  It has no kink where the tangential force ``F_t`` is zero.
+    """
+    normal, square = lane.problem.model.force(y, f, lane.constants)
+    held = lane.mu * normal
+    return both(held * abs(held) - square, lane.problem.modes.left(lane, y))
+
+
+@scalar
+def is_calm(lane):
+    """Return whether the oscillation is too small for a slide in the step tried.
+
+    Twice its energy is ``S``, so the speed of the centre of mass is at most the root of
+    ``S``, and it turns and swings no faster than ``w``, the sum of the spin and half
+    the swing, which is at most that of the slope.  So ``F_t^2`` is at most ``w^2 S``,
+    and ``F_n`` differs from 1 by a share of it.  Both are counted more than twice, as
+    ``S`` is that to second order.
+    """
+    error = lane.problem.model.error
+    _, before = error(lane.y, lane.y, lane.constants)
+    _, after = error(lane.y1, lane.y1, lane.constants)
+    fastest = 0.5 * lane.swing + abs(lane.n0) + abs(lane.n1)
+    most = fastest * fastest * (before + after)
+    held = lane.mu * (1.0 - 2.0 * most)
+    return (held > 0.0) & (held * held > 2.0 * most)
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -906,7 +966,7 @@ def end(lane, t):
     y = lane.y1
     lane.problem.modes.settle(lane, y, t)
     f = lane.problem.model.rhs(y, lane.constants)
-    if hold_point(lane, lane.h, y, f).value <= 0.0:
+    if hold_margin(lane, y, f) <= 0.0:
         # It slides on in another direction, in which the force is another, too.
         lane.mode = SLIDING
         runs.note_contact(lane)
@@ -965,7 +1025,7 @@ def prepare(lane, constants, rate):
 @njit(**INNER)
 def launch(lane):
     """Slide from the launch on where the plane cannot hold the body."""
-    if lane.limit0.value >= 0.0:
+    if lane.margin0 >= 0.0:
         return
     lane.y1 = lane.y
     lane.f1 = lane.f
@@ -974,6 +1034,8 @@ def launch(lane):
     lane.f = lane.f1
     lane.rate0 = lane.rate1
     lane.h = min(lane.h, lane.h_next)
+    limit = lane.limit1
+    lane.limit0 = Point(0.0, limit.value, limit.rate)
     runs.start_points(lane)
     # The force that would hold the body never acts.
     lane.ratio_max = 0.0
@@ -984,6 +1046,12 @@ def launch(lane):
 @njit(**INNER)
 def advance(problem, w):
     """Move the slip of all lanes to the end of their step."""
+    some = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        some += 1 if (lane.slip.speed > 0.0) | (lane.slip1.speed > 0.0) else 0
+    if some == 0:
+        return
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         slip = lane.slip1
@@ -1047,5 +1115,5 @@ def observe_body(model, y, slip, constants, mu):
     return energy_of(model, y, slip, constants), normal, tangential, torque
 
 
-ROLLING_MODE = Mode(ROLLING, hold_point, change_rolling)
+ROLLING_MODE = Mode(ROLLING, hold_point, change_rolling, hold_margin, is_calm)
 SLIDING_MODE = Mode(SLIDING, slide_point, change_sliding, results=RESULTS, store=store)
