@@ -418,14 +418,15 @@ def integrate(
         If Numba cannot load the threading layer that the environment names.
     """
     control = control or Control()
-    if model.flat is not None:
-        is_flat = on_paraboloids(batch, model)
-        if is_flat.any():
-            return _by_surface(
+    for name, simpler in model.without:
+        is_zero = lacks(batch, model, name)
+        if is_zero.any():
+            return _by_model(
                 batch,
                 tableau,
                 model,
-                is_flat,
+                simpler,
+                is_zero,
                 tol=tol,
                 dt=dt,
                 max_steps=max_steps,
@@ -492,50 +493,70 @@ def can_reach_rim(batch: Batch, model: Model) -> bool:
     return bool(has_rim.any())
 
 
-def on_paraboloids(batch: Batch, model: Model) -> Flags:
-    """Return which bodies of a model with the constant ``k`` have a paraboloid."""
-    is_flat: Flags = model.named(batch.constants.T)["k"] == 0
-    return is_flat
+def lacks(batch: Batch, model: Model, name: str) -> Flags:
+    """Return which bodies have zero for a constant."""
+    is_zero: Flags = model.named(batch.constants.T)[name] == 0
+    return is_zero
 
 
-def flattened(batch: Batch, model: Model) -> tuple[Batch, Model]:
-    """Return a batch of paraboloids with the constants of their own model, and it."""
-    flat = model.flat
-    assert flat is not None
+def simplified(batch: Batch, model: Model, simpler: Model) -> Batch:
+    """Return a batch with the constants of a simpler model."""
     named = model.named(batch.constants.T)
-    constants = np.stack([named[name] for name in flat.of_runs], axis=1)
-    return replace(batch, constants=constants), flat
+    constants = np.stack([named[name] for name in simpler.of_runs], axis=1)
+    return replace(batch, constants=constants)
 
 
-def _by_surface(
+def simplest(batch: Batch, model: Model) -> tuple[Batch, Model]:
+    """Return a batch with the simplest model of all its bodies."""
+    for name, simpler in model.without:
+        if lacks(batch, model, name).all():
+            return simplest(simplified(batch, model, simpler), simpler)
+    return batch, model
+
+
+def _completed(outcome: Outcome, model: Model) -> Outcome:
+    """Return the outcome of a simpler model with what another one adds to it."""
+    count, own = outcome.y_end.shape
+    more = np.zeros((count, model.n_state - own))
+    outcome = replace(outcome, y_end=np.hstack([outcome.y_end, more]))
+    if model.pivot is None or outcome.held_time.size == count:
+        return outcome
+    none = np.zeros(count)
+    return replace(
+        outcome, t_held=np.full(count, np.nan), held_time=none, pivot_work=none.copy()
+    )
+
+
+def _by_model(
     batch: Batch,
     tableau: Tableau,
     model: Model,
-    is_flat: Flags,
+    simpler: Model,
+    is_zero: Flags,
     *,
     longest_step: Floats | None,
     cost: Integers | None,
     control: Control,
     **settings: Any,
 ) -> Outcome:
-    """Integrate paraboloids by their own model, as without ellipsoids beside them."""
-    flat_rows = np.flatnonzero(is_flat)
-    other_rows = np.flatnonzero(~is_flat)
+    """Integrate some runs by a simpler model, as without the others beside them."""
+    zero_rows = np.flatnonzero(is_zero)
+    other_rows = np.flatnonzero(~is_zero)
     parts = (
-        (flat_rows, *flattened(take(batch, flat_rows), model)),
+        (zero_rows, simplified(take(batch, zero_rows), model, simpler), simpler),
         (other_rows, take(batch, other_rows), model),
     )
     outcomes = []
-    stages = control.divided(float(is_flat.mean()))
+    stages = control.divided(float(is_zero.mean()))
     for (rows, part, own_model), _ in zip(parts, stages, strict=True):
         own: dict[str, Any] = dict(settings)
         for name, values in (("longest_step", longest_step), ("cost", cost)):
             own[name] = None if values is None else take(values, rows)
         outcomes.append(integrate(part, tableau, own_model, control=control, **own))
-    of_flat, of_others = outcomes
-    outcome = spread(of_flat, is_flat)
+    of_simpler, of_others = outcomes
+    outcome = spread(_completed(of_simpler, model), is_zero)
     put(of_others, outcome, other_rows)
-    return replace(outcome, stopped=of_flat.stopped or of_others.stopped)
+    return replace(outcome, stopped=of_simpler.stopped or of_others.stopped)
 
 
 def longest_frame_steps(batch: Batch, tableau: Tableau, tol: float) -> Floats:

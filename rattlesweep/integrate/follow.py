@@ -307,8 +307,7 @@ class Follower:
         if look is not None:
             # The contact is only watched for one who looks.
             self._recorded.add("contact")
-        if model.flat is not None and batches.on_paraboloids(batch, model).all():
-            batch, model = batches.flattened(batch, model)
+        batch, model = batches.simplest(batch, model)
         self._start(batch, model, attitude)
         if model.anywhere is not None:
             self._look_ahead(batch, model.anywhere, attitude)

@@ -95,8 +95,8 @@ class Model:
     # The same body in other models.
     # In variables that exist in any position.
     anywhere: Model | None = None
-    # For the constant ``k = 0``, where the surface is a paraboloid.
-    flat: Model | None = None
+    # (constant, model): for bodies whose constant of this name is zero.
+    without: tuple[tuple[str, Model], ...] = ()
     # Number of components, the last ones, that the state of a sweep lacks.
     n_extra: int = 0
 
@@ -525,7 +525,7 @@ def _frictionless(on: Surface) -> Model:
         surface=on,
         volume=_volume if on.quadric else None,
         anywhere=VECTORS if on.closed else None,
-        flat=FULL,
+        without=(("k", FULL),),
     )
     if on.carried is None:
         return model
@@ -653,14 +653,14 @@ FULL_ELLIPSOID = FRICTIONLESS[surface.ELLIPSOID.model]
 
 def _all_with_friction() -> dict[tuple[str, str], Model]:
     """Return the models with friction by those without and the law."""
-    models = {}
-    for law in surface.LAWS.values():
-        flat = _with_friction(FULL, law)
-        models[FULL.name, law.name] = flat
-        for rolling in FRICTIONLESS.values():
+    models: dict[tuple[str, str], Model] = {}
+    for rolling in FRICTIONLESS.values():
+        for law in surface.LAWS.values():
+            without = [(name, models[rolling.name, own]) for name, own in law.without]
             if rolling is not FULL:
-                model = replace(_with_friction(rolling, law), flat=flat)
-                models[rolling.name, law.name] = model
+                without.append(("k", models[FULL.name, law.name]))
+            model = replace(_with_friction(rolling, law), without=tuple(without))
+            models[rolling.name, law.name] = model
     return models
 
 
@@ -804,9 +804,8 @@ def _all_sliding() -> dict[str, Model]:
             if model.pivot is not None:
                 anywhere = VECTORS_PIVOTING_SLIDING
             model = replace(model, slide=slide, anywhere=anywhere)
-        if model.flat is not None:
-            model = replace(model, flat=models[model.flat.name])
-        models[name] = model
+        without = ((zero, models[own.name]) for zero, own in model.without)
+        models[name] = replace(model, without=tuple(without))
     return models
 
 

@@ -20,10 +20,10 @@ from typing import Any
 from rattlesweep.physics.full import TINY, scalar
 from rattlesweep.physics.stone import (
     dot,
+    multiplied,
     resisted,
     rolling_couples,
     solve_again,
-    times,
     triple,
     without_grip,
 )
@@ -180,7 +180,7 @@ def pivoting_parts(contact, y, inertia, shape, loss):
     e = p, q, 1.0
     turn = p * a + q * b + c
     scale = root * det
-    j = ja, jb, jc = times(solver, e)
+    j = ja, jb, jc = multiplied(solver, e)
     # The torque of a held spin keeps its rate, e . domega/dt, at zero.
     is_held = sense == 0.0
     v = p if is_held else gx, q if is_held else gy, 1.0 if is_held else gz
@@ -219,8 +219,8 @@ def rolling_parts(contact, y, inertia, shape, loss):
     part = 1.0 / root
     inv = part / det
     h, square, smoothed = resisted(p, q, dp, dq, root, eps)
-    hx, hy, hz = rolled = times(solver, h)
-    jx, jy, jz = j = times(solver, e)
+    hx, hy, hz = rolled = multiplied(solver, h)
+    jx, jy, jz = j = multiplied(solver, e)
     resistance = rolling * root / smoothed
     # The torque is ``held + grip F_n``.
     inverse = 1.0 / dot(e, j)

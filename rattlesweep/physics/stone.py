@@ -287,7 +287,7 @@ def adjugate(x, y, z, ix, iy, iz):
 
 
 @scalar
-def times(matrix, h):
+def multiplied(matrix, h):
     """Return the product of a matrix, as :func:`adjugate` returns it, and a vector."""
     xx, yy, zz, yz, zx, xy = matrix
     a, b, c = h
@@ -319,7 +319,7 @@ def without_grip(contact, y, inertia, shape, sigma):
     )
     gx, gy, gz = g
     solver, det = adjugate(p + fx, q + fy, 1.0 - rise, *inertia)
-    rates = times(solver, (root * tx - gx, root * ty - gy, root * tz - gz))
+    rates = multiplied(solver, (root * tx - gx, root * ty - gy, root * tz - gz))
     power = lx * a + ly * b + lz * c
     return (dp, dq), power, root, det, solver, g, p * kx + q * ky + kz, rates
 
@@ -346,7 +346,7 @@ def rolling_rhs(contact, y, inertia, shape, loss):
     )
     sa, sb, sc = rates
     h, square, smoothed = resisted(p, q, dp, dq, root, eps)
-    j = ja, jb, jc = times(solver, h)
+    j = ja, jb, jc = multiplied(solver, h)
     scale = root * det
     normal = root * scale + (dot(g, rates) - sink * scale)
     # There is no resistance where the plane would have to pull.

@@ -68,6 +68,8 @@ class Friction:
     couples: Formula
     # The constants ``loss``: what users give, by name, and fixed numbers.
     loss: tuple[str | float, ...]
+    # (constant, law): the name of the law where this constant is zero
+    without: tuple[tuple[str, str], ...] = ()
     # Whether `physics.vectors` knows the law.
     in_vectors: bool = False
     # rhs(contact, y, inertia, shape, loss): derivative of y, with work, if there is a
@@ -121,6 +123,7 @@ ROLLING = Friction(
     "rolling",
     stone.rolling_couples,
     COUPLES,
+    without=(("rolling", "viscous"),),
     in_vectors=True,
     rhs=stone.rolling_rhs,
 )
@@ -128,6 +131,7 @@ PIVOTING = Friction(
     "pivoting",
     pivoting.pivoting_couples,
     (*COUPLES, "pivot"),
+    without=(("pivot", "viscous"),),
     in_vectors=True,
     rhs=pivoting.rhs_of(pivoting.pivoting_parts),
     pivot=pivoting.pivoting_parts,
@@ -136,6 +140,7 @@ ROLLING_PIVOTING = Friction(
     "rolling_pivoting",
     pivoting.rolling_pivoting_couples,
     (*COUPLES, "pivot"),
+    without=(("rolling", "pivoting"), ("pivot", "rolling")),
     in_vectors=True,
     rhs=pivoting.rhs_of(pivoting.rolling_parts),
     pivot=pivoting.rolling_parts,

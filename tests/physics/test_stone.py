@@ -64,7 +64,7 @@ def test_the_adjugate_is_the_inverse_times_the_determinant():
     adjugate = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
     np.testing.assert_array_equal(adjugate @ left, det * np.eye(3))
     columns = left @ [4, -1, 6]
-    solved = stone.times.py_func((xx, yy, zz, yz, zx, xy), tuple(columns))
+    solved = stone.multiplied.py_func((xx, yy, zz, yz, zx, xy), tuple(columns))
     np.testing.assert_array_equal(solved, det * np.array([4, -1, 6]))
 
 

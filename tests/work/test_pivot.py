@@ -42,6 +42,18 @@ def test_a_sweep_over_pivot(sweep):
     assert sweep.summary["pivot"].tolist() == CONFIG["dissipation"]["pivot"]
 
 
+def test_a_lever_of_zero_is_none_to_the_last_bit():
+    """Its run has the equations of a body without the torque."""
+    with_others = rs.simulate("GH", **LAUNCH, t_end=900, pivot=[0.0, 0.002])
+    plain = rs.simulate("GH", **LAUNCH, t_end=900)
+    run = with_others.iloc[0]
+    for name in ("t_r", "n_end", "energy_drift", "amp_growth", "n_steps"):
+        assert run[name] == getattr(plain, name), name
+    assert run.energy_left == 1
+    assert np.isnan(run.t_held)
+    assert run.held_time == run.pivot_work == 0
+
+
 def test_types_follow_from_stored_columns(sweep):
     before = sweep.read().type.tolist()
     sweep.classify(ss_growth=1e-9, sw_departure=1e-6)

@@ -319,7 +319,7 @@ def look(problem, parts, w, stage, recording):
 def try_step(problem, parts, w, options, recording):
     """Try a step on every lane, decide on it, and return which lanes are due.
 
-    Lanes may wait for a turn that more lanes share (`slides.plan`).
+    Lanes may wait for a turn that more lanes share (`slides.plan_sliding`).
     """
     rolls, some_slide = problem.modes.plan(problem, w)
     if rolls:

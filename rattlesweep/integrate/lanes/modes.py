@@ -226,7 +226,7 @@ def observe_nothing(problem, w):
 
 
 @njit(fastmath=FASTMATH, **KEPT_APART)
-def look(lane):
+def look_at_limit(lane):
     """Compute the limit at the ends of the step tried, where it is to be searched.
 
     A closer look, with the rates of the limit, tells whether the step may end at a zero
@@ -294,7 +294,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
         limit=of_mode(modes, "limit"),
         margin=margin or no_margin,
         observe_limit=in_turn(observed),
-        look=look if has_limit else nothing,
+        look=look_at_limit if has_limit else nothing,
         plan=roll_on,
         decide=keep,
         change=of_mode(modes, "change"),
@@ -313,8 +313,8 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
     if model.slide is not None:
         combined = replace(
             combined,
-            plan=slides.plan,
-            decide=slides.decide,
+            plan=slides.plan_sliding,
+            decide=slides.decide_sliding,
             prepare=slides.prepare,
             launch=slides.launch,
             advance=slides.advance,

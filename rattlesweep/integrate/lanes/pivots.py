@@ -186,7 +186,8 @@ def leave_zero(lane, t):
         hold_spin(lane, t)
     runs.jump(lane)
     begin = lane.limit1
-    # At the end of a rest the rate of the spin is a rounding error, too (`modes.look`).
+    # At the end of a rest the rate of the spin is a rounding error, too; see
+    # `modes.look_at_limit`.
     lane.limit1 = Point(begin.h, begin.value, max(begin.rate, 0.0))
     lane.left_zero = lane.steps + 1.0
     lane.h_next = lane.full_next

@@ -676,7 +676,7 @@ def lane_in(problem, w, z, column):
 
 
 @njit(**INNER)
-def fill(problem, w, z, waiting, free, scale, contact_recorded):
+def fill_columns(problem, w, z, waiting, free, scale, contact_recorded):
     """Let lanes take free columns; return those that still wait, and free columns."""
     block = problem.block
     before = free
@@ -714,7 +714,7 @@ def empty(problem, w, z, free, scale, contact_recorded):
 
 
 @njit(**INNER)
-def plan(problem, w):
+def plan_sliding(problem, w):
     """Return what `ModeSet.plan` does: whether lanes roll, and whether some slide."""
     widest_vectors()
     others = 0
@@ -771,7 +771,7 @@ def sliding_lanes(problem, w):
 
 
 @njit(**INNER)
-def decide(problem, w, due):
+def decide_sliding(problem, w, due):
     """Decide on lanes that slide or wait, after all others; return which are due.
 
     A slide has its own ratio of two steps.  A lane that waits tries its step again.
@@ -812,7 +812,9 @@ def slide_lanes(problem, w, scale, contact_recorded, fewest):
     fewest = min(fewest, FEWEST_BUSY)
     some = False
     while True:
-        waiting, free = fill(problem, w, z, waiting, free, scale, contact_recorded)
+        waiting, free = fill_columns(
+            problem, w, z, waiting, free, scale, contact_recorded
+        )
         busy = block.width - bits_of(free)
         if busy == 0 or (some and waiting == 0 and busy < fewest):
             break
