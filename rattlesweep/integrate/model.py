@@ -309,6 +309,21 @@ FRAME = replace(
 """The full model with three tangents, for all Lyapunov exponents."""
 
 
+def _surface_force(touch: Formula) -> Formula:
+    """Return the contact force of a surface, as `Model.force`."""
+
+    @scalar
+    def force(y, dy, constants):
+        p, q, a, b, c = y[:5]
+        dp, dq, da, db, dc = dy[:5]
+        return stone.surface_force(
+            touch, p, q, a, b, c, dp, dq, da, db, dc, constants[3:7]
+        )
+
+    formula: Formula = force
+    return formula
+
+
 # Bodies that roll with friction: the state has the work as its sixth component.
 
 
@@ -506,21 +521,13 @@ def _frictionless(on: Surface) -> Model:
     def energy(y, constants):
         return surface_energy(*(y + constants))
 
-    @scalar
-    def force(y, dy, constants):
-        p, q, a, b, c = y
-        dp, dq, da, db, dc = dy
-        return stone.surface_force(
-            touch, p, q, a, b, c, dp, dq, da, db, dc, constants[3:]
-        )
-
     model = replace(
         FULL,
         name=on.model,
         constants=stone.CONSTANTS,
         rhs=rhs,
         energy=energy,
-        force=force,
+        force=_surface_force(touch),
         rise=_rise(touch, further=1),
         surface=on,
         volume=_volume if on.quadric else None,
@@ -574,14 +581,6 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
         return law_rhs(touch, y, constants[:3], constants[3:7], constants[7:])
 
     @scalar
-    def force(y, dy, constants):
-        p, q, a, b, c = y[:5]
-        dp, dq, da, db, dc = dy[:5]
-        return stone.surface_force(
-            touch, p, q, a, b, c, dp, dq, da, db, dc, constants[3:7]
-        )
-
-    @scalar
     def energy(y, constants):
         return surface_energy(*(y[:5] + constants[:7])) - y[5]
 
@@ -593,7 +592,7 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
         rhs=rhs,
         error=_error_with_friction,
         energy=energy,
-        force=force,
+        force=_surface_force(touch),
         work=_work,
         rise=_rise(touch, further=1),
         volume=_volume_with_friction if on.quadric and law.in_vectors else None,

@@ -229,7 +229,7 @@ SCAN = 64  # directions between which others are searched
 HALVINGS = 40
 FINE_SCAN = 720
 TWO_PI = 6.283185307179586
-CREEP = -1e-6  # least rate of the speed of a body that begins to slide
+LEAST_RATE = -1e-6  # of the speed of a body that begins to slide
 
 
 @scalar
@@ -246,7 +246,7 @@ def settled_direction(contact, mu, angle):
         step = -across / slope
         angle += min(0.3, max(-0.3, step))
         if abs(step) < 1e-14:
-            return angle, along >= CREEP and mobility > 0.0
+            return angle, along >= LEAST_RATE and mobility > 0.0
     return angle, False
 
 

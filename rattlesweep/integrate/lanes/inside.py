@@ -281,6 +281,15 @@ def turned_over(point):
 
 
 @scalar
+def at_zero(limit):
+    """Return a limit where the spin leaves zero, as not falling.
+
+    At the end of a rest, both the spin and its rate are rounding errors.
+    """
+    return Point(limit.h, limit.value, max(limit.rate, 0.0))
+
+
+@scalar
 def both(first, second):
     """Return a number that is positive where two numbers are.
 

@@ -245,9 +245,7 @@ def look_at_limit(lane):
         lane.limit0 = limit(lane, 0.0, lane.y, lane.f)
         lane.limit1 = limit(lane, lane.h, lane.y1, lane.f1)
     if lane.problem.pivots and lane.mode == PIVOTING and lane.left_zero == lane.steps:
-        # Where the spin leaves zero, its rate is a rounding error, too.
-        begin = lane.limit0
-        lane.limit0 = Point(0.0, begin.value, max(begin.rate, 0.0))
+        lane.limit0 = inside.at_zero(lane.limit0)
     if lane.leaves > 0.0:
         half = limit(lane, lane.h, inside.middle(lane), inside.middle_rate(lane))
         angle = lane.h * lane.swing
@@ -286,7 +284,9 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
     observed = [mode.observe_limit for mode in modes]
     has_limit = margin is not None or model.pivot is not None
     if margin is not None:
-        is_calm = never_calm if rimmed else rolling.is_calm or never_calm
+        is_calm = never_calm
+        if rolling.is_calm and not rimmed:
+            is_calm = rolling.is_calm
         observed.insert(0, observe_margin(margin, is_calm))
     elif has_limit:
         observed.insert(0, observe_nothing)

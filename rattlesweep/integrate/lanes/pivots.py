@@ -19,7 +19,7 @@ from numba import njit
 
 from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import REVERSED
-from rattlesweep.integrate.lanes.inside import both_of, may_fall
+from rattlesweep.integrate.lanes.inside import at_zero, both_of, may_fall
 from rattlesweep.integrate.lanes.lane import (
     DIFFERENCE,
     HELD,
@@ -185,10 +185,8 @@ def leave_zero(lane, t):
     if sense == 0.0:
         hold_spin(lane, t)
     runs.jump(lane)
-    begin = lane.limit1
-    # At the end of a rest the rate of the spin is a rounding error, too; see
-    # `modes.look_at_limit`.
-    lane.limit1 = Point(begin.h, begin.value, max(begin.rate, 0.0))
+    lane.limit1 = at_zero(lane.limit1)
+    # A body that pivots computes its limit again, in `modes.look_at_limit`.
     lane.left_zero = lane.steps + 1.0
     lane.h_next = lane.full_next
     return sense

@@ -849,7 +849,7 @@ def bits_of(bits):
 def hold_point(lane, h, y, f):
     """Return the friction that is left: positive while the plane holds the body.
 
-    Of a body with a rim it is multiplied by the height that is left below the rim, so
+    Of a body with a rim it is combined with the height that is left below the rim, so
     that one search finds the first zero of both.
     """
     ahead = DIFFERENCE / lane.swing
