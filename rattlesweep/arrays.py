@@ -17,6 +17,17 @@ EXACT_WHOLE = 2**53  # whole numbers up to this are exact as floats
 _T = TypeVar("_T")
 
 
+def with_plain_numbers(record: object) -> None:
+    """Turn NumPy's numbers in a frozen dataclass into Python's, as it is made.
+
+    They have the same values, and their `repr` is a number alone.
+    """
+    for each in fields(cast(Any, record)):
+        value = getattr(record, each.name)
+        if isinstance(value, np.generic):
+            object.__setattr__(record, each.name, value.item())
+
+
 def take(values: _T, rows: NDArray[Any]) -> _T:
     """Return some rows of an array, or of each array in a dict or dataclass.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rattlesweep.analysis.derived import DerivedQuantity, quantity_of
+from rattlesweep.arrays import with_plain_numbers
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.hertz import Ellipse, ellipse
 from rattlesweep.physics.materials import Material, contact_modulus
@@ -66,6 +67,9 @@ class ContactPatch:
     materials: tuple[Material, Material]
     body: Rattleback
     remarks: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        with_plain_numbers(self)
 
     def quantities(self) -> list[DerivedQuantity]:
         """Return the numbers in units of the body and in SI units, with meanings."""

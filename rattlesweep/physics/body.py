@@ -13,11 +13,12 @@ from typing import Any, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattlesweep.arrays import Floats
+from rattlesweep.arrays import Floats, with_plain_numbers
 from rattlesweep.defaults import MESH_UNIT
 from rattlesweep.errors import ConfigWarning
 from rattlesweep.files import as_path
 from rattlesweep.physics import si
+from rattlesweep.physics.mesh.doubts import doubts_of
 from rattlesweep.physics.mesh.pose import MeshPose
 from rattlesweep.physics.mesh.reading import read_standing
 from rattlesweep.physics.mesh.standing import Standing
@@ -71,6 +72,7 @@ class Rattleback:
     pose: MeshPose | None = field(default=None, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
+        with_plain_numbers(self)
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.compare}
         for name, value in values.items():
             if name in PARAMETERS or value is not None:
@@ -379,15 +381,16 @@ class Rattleback:
         Raises
         ------
         ValueError
-            If the file cannot be read, the mesh is open or inside out, its size or
-            density is absurd, it rests on no point, or no principal axis of inertia is
-            vertical to within 3 degrees.
+            If the file cannot be read, the mesh is open or inside out, its shells
+            overlap or are two bodies, its size or density is absurd, it rests on no
+            point, or no principal axis of inertia is vertical to within 3 degrees.
 
         Warns
         -----
         ConfigWarning
             If the radii change by more than 5 % with the part of the bottom that is
-            fitted, or the body may differ from the real one in another way.
+            fitted, parts of the file are left out or cut out, or the body may differ
+            from the real one in another way.
 
         Examples
         --------
@@ -402,7 +405,7 @@ class Rattleback:
             if isinstance(point, list | tuple) and point:
                 require_unit("points", point[0], "mass", of_size=True)
         standing = read_standing(path, unit, mass, density, points, up, gravity)
-        for doubt in standing.doubts:
+        for doubt in doubts_of(standing):
             warnings.warn(doubt, ConfigWarning, stacklevel=2)
         pose = MeshPose.of(as_path(path, "mesh"), unit, standing)
         g = si.number(gravity, "acceleration", "gravity")

@@ -7,7 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rattlesweep.arrays import Floats, refuse_foreign_units, unmasked
+from rattlesweep.arrays import (
+    Floats,
+    refuse_foreign_units,
+    unmasked,
+    with_plain_numbers,
+)
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.units import (
     KINDS,
@@ -49,6 +54,9 @@ class Units:
     mass: Any
     length: Any
     gravity: Any = GRAVITY
+
+    def __post_init__(self) -> None:
+        with_plain_numbers(self)
 
     @property
     def time(self) -> Any:

@@ -9,7 +9,7 @@ from rattlesweep.physics.mesh.bottom import MOST_POINTS
 from rattlesweep.physics.mesh.shapes import bowl, half_ellipsoid_solid
 from rattlesweep.physics.mesh.solid import MassProperties, Solid
 from rattlesweep.physics.mesh.standing import stand, stand_on
-from rattlesweep.physics.mesh.stl import read_binary_stl
+from rattlesweep.physics.mesh.stl import read_stl
 
 SIZES = (0.12, 0.03, 0.012)
 COINS = [(0.0075, np.array([0.045, -0.009, 0])), (0.0075, np.array([-0.045, 0.009, 0]))]
@@ -159,13 +159,15 @@ def test_binary_stl_is_read_as_the_library_reads_it(tmp_path):
     solid = half_ellipsoid_solid(120, 30, 12, 24)
     mesh = trimesh.Trimesh(solid.vertices, solid.faces, process=False)
     content = mesh.export(file_type="stl")
-    vertices, faces = read_binary_stl(content)
+    vertices, faces, remarks = read_stl(content)
+    assert not remarks
     path = tmp_path / "stone.stl"
     path.write_bytes(content)
     theirs = trimesh.load_mesh(path, process=False)
     assert np.array_equal(vertices[faces], theirs.vertices[theirs.faces])
-    assert read_binary_stl(content[:-1]) is None
-    assert read_binary_stl(mesh.export(file_type="stl_ascii").encode()) is None
+    text = mesh.export(file_type="stl_ascii").encode()
+    again, _, _ = read_stl(text)
+    assert again == pytest.approx(vertices, rel=1e-6)
 
 
 def test_meshes_that_are_no_body():

@@ -18,6 +18,7 @@ from rattlesweep.design.prepared import Bodies
 from rattlesweep.errors import ConfigError
 from rattlesweep.files import as_path, reason
 from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.physics.mesh.doubts import doubts_of
 from rattlesweep.physics.mesh.reading import read_standing
 from rattlesweep.physics.si import Units
 
@@ -68,7 +69,7 @@ def read_meshes(source: MeshSource, base: Path | None) -> MeshBodies:
             raise ConfigError(f"bodies.path: {path}: {reason(error)}") from None
         except ValueError as error:
             raise ConfigError(f"bodies.path: {error}") from None
-        doubts += [f"bodies.path: {path}: {doubt}" for doubt in standing.doubts]
+        doubts += [f"bodies.path: {path}: {doubt}" for doubt in doubts_of(standing)]
     columns = {}
     for name in (*PARAMETERS, "c", "rim"):
         values = [getattr(body, name) for body in found]

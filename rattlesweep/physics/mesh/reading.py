@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from types import ModuleType
 from typing import Any, BinaryIO
@@ -17,9 +19,11 @@ from rattlesweep.defaults import MESH_UNIT
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.files import as_path, open_regular, reason
 from rattlesweep.physics import si
+from rattlesweep.physics.mesh.shells import one_piece
 from rattlesweep.physics.mesh.solid import Solid
 from rattlesweep.physics.mesh.standing import Standing, stand
-from rattlesweep.physics.mesh.stl import read_binary_stl
+from rattlesweep.physics.mesh.stl import read_stl
+from rattlesweep.physics.mesh.threemf import read_3mf
 from rattlesweep.units import quantities, quantity
 
 FORMATS = (".stl", ".obj", ".ply", ".3mf")
@@ -109,43 +113,40 @@ def _solid(place: Path, scale: float, unit: str, state: tuple[int, int]) -> Soli
     # One rule for all formats, also for the one that NumPy reads.
     require_trimesh()
     with open_regular(place) as file:
-        triangles = None
-        if kind == ".stl":
-            triangles = read_binary_stl(file.read())
-            file.seek(0)
-        if triangles is None:
-            triangles = _from_library(file, kind[1:], scale, unit)
-    vertices, faces = triangles
-    return Solid.of(vertices * scale, faces)
+        if kind == ".3mf":
+            solid = read_3mf(file, scale, unit)
+        else:
+            remarks: tuple[str, ...] = ()
+            if kind == ".stl":
+                vertices, faces, remarks = read_stl(file.read())
+            else:
+                vertices, faces = _from_library(file, kind[1:])
+            solid = replace(Solid.of(vertices * scale, faces), remarks=remarks)
+    return one_piece(solid)
 
 
-def _from_library(
-    file: BinaryIO, kind: str, scale: float, unit: str
-) -> tuple[Floats, Integers]:
+def _from_library(file: BinaryIO, kind: str) -> tuple[Floats, Integers]:
     """Return vertices and triangles of a file of any format."""
     trimesh = import_trimesh()
+    content = file.read()
+    if kind == "obj":
+        content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     try:
-        mesh = trimesh.load_mesh(file, file_type=kind, process=False)
-    except ImportError as error:
-        if kind != "3mf":
-            mesh = None
-        else:
-            raise ValueError(
-                f"3MF files need {error.name}; install it by pip install "
-                "'rattlesweep[mesh]'"
-            ) from None
+        # Pictures on the surface are no part of the solid.
+        mesh = trimesh.load_mesh(
+            BytesIO(content), file_type=kind, process=False, skip_materials=True
+        )
     except OSError:
         raise
     except Exception as error:
         # Its readers raise whatever a damaged file leads to.
         text = one_line(reason(error), 100)
         raise ValueError(f"cannot be read as {kind.upper()} ({text})") from None
-    if mesh is None or not len(getattr(mesh, "faces", ())):
-        raise ValueError(f"cannot be read as {kind.upper()}, or has no triangles")
-    if mesh.units is not None:
-        own = quantity(f"1 {mesh.units}", "length")
-        if abs(own / scale - 1) > 1e-6:
-            raise ValueError(f"the file is in {mesh.units}, and the unit is {unit}")
+    if not len(getattr(mesh, "faces", ())):
+        raise ValueError(
+            f"cannot be read as {kind.upper()}, or has no triangles, as a cloud of "
+            "points; export the stone as a closed mesh"
+        )
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
 
 

@@ -14,6 +14,13 @@ from rattlesweep.arrays import Floats, Integers
 # Vertices closer than this share of the longest side are one: a mesh in STL repeats
 # each vertex in all of its triangles, in single precision.
 MERGED = 2.0**-20
+# The flat side, in shares of the longest side of the mesh.
+SAME_PLANE = 2e-4  # between normals, and heights, of triangles in one plane
+LEAST_OF_PLANE = np.array([-1.0, -1.0, -1.0, -4.0])  # of a normal and a height
+FLAT = 1e-4  # of what lies in a plane
+LINE = 1e-6  # a side that is not wider is a line
+LEAST_SIDE = 1 / 3  # of the rectangle of the two longest sides
+MOST_SIDES = 24  # planes that are looked at, the largest first
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,7 @@ class Solid:
 
     vertices: Floats
     faces: Integers
+    remarks: tuple[str, ...] = ()  # sentences on how the file was understood
 
     @classmethod
     def of(cls, vertices: Floats, faces: Integers) -> Solid:
@@ -53,7 +61,7 @@ class Solid:
         vertices, faces = _merged(np.asarray(vertices, float), np.asarray(faces))
         if not len(faces):
             raise ValueError("the mesh has no triangles")
-        gaps, turned = _wrong_edges(faces, len(vertices))
+        gaps, turned = wrong_edges(faces, len(vertices))
         if gaps:
             raise ValueError(
                 f"the mesh is open: {_edges(gaps)} on an odd number of triangles, and "
@@ -131,22 +139,23 @@ class Solid:
         normals = areas[kept] / sizes[kept, None]
         heights = np.einsum("ij,ij->i", normals, a[kept])
         extent = np.ptp(self.vertices, axis=0)
+        _, middle, longest = np.sort(extent)
         # Triangles of one plane have normal and height in common.
-        planes = np.column_stack([normals, heights / extent.max()])
-        keys = packed(planes, np.array([-1.0, -1.0, -1.0, -4.0]), 2e-4)
+        planes = np.column_stack([normals, heights / longest])
+        keys = packed(planes, LEAST_OF_PLANE, SAME_PLANE)
         _, first, which = np.unique(keys, return_index=True, return_inverse=True)
         area_of = np.bincount(which, weights=sizes[kept])
-        _, middle, largest = np.sort(extent)
         best: tuple[Floats, Floats] | None = None
-        best_area = middle * largest / 3
-        for plane in np.argsort(area_of)[::-1][:24]:
+        best_area = LEAST_SIDE * middle * longest
+        for plane in np.argsort(area_of)[::-1][:MOST_SIDES]:
             normal = normals[first[plane]]
             along = (self.vertices - middle_of_all) @ normal
-            outline = self.vertices[along >= along.max() - 1e-4 * extent.max()]
-            if along.max() - heights[first[plane]] > 1e-4 * extent.max():
+            if along.max() - heights[first[plane]] > FLAT * longest:
                 continue  # something of the mesh is above it
+            outline = self.vertices[along >= along.max() - FLAT * longest]
             flat = (outline - outline[0]) @ basis(normal)[:2].T
-            if len(flat) < 3 or np.linalg.matrix_rank(flat, 1e-6 * largest) < 2:
+            is_line = np.linalg.matrix_rank(flat, LINE * longest) < 2
+            if len(flat) < 3 or is_line:
                 continue
             hull = ConvexHull(flat)
             if hull.volume > best_area:  # of a plane figure: its area
@@ -194,9 +203,12 @@ def _merged(vertices: Floats, faces: Integers) -> tuple[Floats, Integers]:
     return vertices[first[used]], places.reshape(faces.shape)
 
 
-def _wrong_edges(faces: Integers, count: int) -> tuple[int, int]:
-    """Return how many edges have an odd number of triangles, and how many have as many
-    triangles, but not as many in each direction.
+def edge_keys(
+    faces: Integers, count: int
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return a number for the edge behind each corner, row by row, and its direction.
+
+    Both directions of an edge have one number.  `count` is that of the vertices.
     """
     starts = faces.ravel()
     ends = np.roll(faces, -1, axis=1).ravel()
@@ -204,6 +216,14 @@ def _wrong_edges(faces: Integers, count: int) -> tuple[int, int]:
     keys = np.where(is_forward, starts, ends) * count + np.where(
         is_forward, ends, starts
     )
+    return keys, is_forward
+
+
+def wrong_edges(faces: Integers, count: int) -> tuple[int, int]:
+    """Return how many edges have an odd number of triangles, and how many have as many
+    triangles, but not as many in each direction.
+    """
+    keys, is_forward = edge_keys(faces, count)
     _, which = np.unique(keys, return_inverse=True)
     times = np.bincount(which)
     balance = np.bincount(which, weights=np.where(is_forward, 1, -1))

@@ -1,4 +1,4 @@
-"""A solid at rest on the table: where it stands, on which curvature, and doubts.
+"""A solid at rest on the table: where it stands, and on which curvature.
 
 Stable poses of a polyhedron are of no use here, as each facet of a fine mesh may be
 one.  So the body first rolls downhill over the support height of its vertices, by steps
@@ -9,7 +9,7 @@ to its lowest points has a normal through the centre of mass.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,12 +27,8 @@ MANY_VERTICES = 12_000  # more than these tell nothing more
 FOOT = 0.01  # of the height of a solid, around its foot
 ROUNDS = 60  # of turning the body and fitting its bottom
 MOST_TILT = math.radians(3.0)  # of the third principal axis
-DOUBTED_TILT = math.radians(0.5)
-MOST_CHANGE = 0.05  # of a radius with the range that is fitted
 MOST_FLAT = 0.5  # of the fitted slope, on a flat facet
-DOUBTED_FLAT = 0.15
 MOST_WEIGHT = 0.2  # of a remedy, in masses of the body
-LEAST_SKEW = math.radians(0.05)
 RANGES = (0.25, 2.25)  # of the height that is fitted: half and 1.5 times the slope
 
 
@@ -49,6 +45,7 @@ class Standing:
     rim: float | None  # height of the flat side over the foot
     flat: float  # slope of the surface at the edge of the lowest facet over the largest
     turned: float  # angle between the direction `up` that was given and that at rest
+    remarks: tuple[str, ...] = ()  # sentences on how the file was understood
 
     @property
     def height(self) -> float:
@@ -113,56 +110,8 @@ class Standing:
         return values
 
     @property
-    def doubts(self) -> list[str]:
-        """Sentences on what may make the body another than the real one."""
-        doubts = []
-        smaller, larger = self.surface.radii * 1e3
-        if self.change > MOST_CHANGE:
-            ranges = []
-            for other in (self.others[0], self.surface, self.others[1]):
-                if other is not None:
-                    slope = math.degrees(math.sqrt(2 * other.reach / other.radii[0]))
-                    first, second = other.radii * 1e3
-                    ranges.append(f"{first:.4g} and {second:.4g} mm to {slope:.2g} deg")
-            doubts.append(
-                f"the radii change by {100 * self.change:.2g} % with the range that is "
-                f"fitted ({'; '.join(ranges)}), so times depend on how far it swings"
-            )
-        if self.flat > DOUBTED_FLAT:
-            doubts.append(
-                f"the body stands on a flat facet over {100 * self.flat:.2g} % of the "
-                "slope that is fitted; polish it there, or export a finer mesh"
-            )
-        if self.tilt > DOUBTED_TILT:
-            doubts.append(
-                f"the third principal axis leans by {math.degrees(self.tilt):.2g} deg, "
-                f"and is taken as vertical; to mend it, {self.remedy}"
-            )
-        if abs(self.parameters["xi"]) < LEAST_SKEW:
-            skew = math.degrees(self.parameters["xi"])
-            doubts.append(
-                f"the skew is {skew:.2g} deg, so both directions are nearly alike"
-            )
-        if larger < 1.2 * smaller:
-            doubts.append(
-                f"the radii {smaller:.4g} and {larger:.4g} mm are nearly equal, so "
-                "their axes are badly known"
-            )
-        if self.turned > math.radians(30):
-            doubts.append(
-                f"it comes to rest {math.degrees(self.turned):.3g} deg from the "
-                "direction taken as up; give `up` if another side is meant"
-            )
-        return doubts
-
-    @property
     def remedy(self) -> str:
-        """Which weight would make the third principal axis vertical, to first order.
-
-        A weight ``dm`` at ``(r, z)`` adds ``-dm z r`` to the products of inertia ``P``
-        with the vertical.  It also moves the foot, which turns the vertical by ``g = K
-        (1 - a K)^-1 dm r / M``, and so adds ``(I_zz - I) g``.
-        """
+        """Which weight would make the third principal axis vertical."""
         place, weight = self.weight_against_tilt
         if not weight < MOST_WEIGHT * self.mass.mass:
             return "move its weights closer to the middle or opposite to each other"
@@ -174,7 +123,13 @@ class Standing:
 
     @property
     def weight_against_tilt(self) -> tuple[Floats, float]:
-        """The place in the mesh, and the mass, of the weight in :attr:`remedy`."""
+        """The place in the mesh, and the mass, of a weight that would make the third
+        principal axis vertical, to first order.
+
+        A weight ``dm`` at ``(r, z)`` adds ``-dm z r`` to the products of inertia ``P``
+        with the vertical.  It also moves the foot, which turns the vertical by ``g = K
+        (1 - a K)^-1 dm r / M``, and so adds ``(I_zz - I) g``.
+        """
         inertia = self.inertia
         top = self.rim if self.rim is not None else 2 * self.height
         z = top - self.height
@@ -210,7 +165,8 @@ def stand(
     rim: Floats | None = None
     if side is not None and side[0] @ up > 0.5:
         rim = side[1] - mass.centre
-    return stand_on(_lowest(arms, up), mass, up, given, rim, gravity)
+    standing = stand_on(_lowest(arms, up), mass, up, given, rim, gravity)
+    return replace(standing, remarks=solid.remarks)
 
 
 def stand_on(
@@ -232,7 +188,6 @@ def stand_on(
     if most < 1e-6 * np.ptp(points, axis=0).max():
         raise ValueError("the body comes to rest on its flat side; give `up`")
     reach = 0.25 * most
-    surface: Quadric | None = None
     along = np.linalg.eigh(mass.inertia)[1][:, 0]
     for _ in range(ROUNDS):
         axes = basis(up, along)
@@ -265,8 +220,12 @@ def stand_on(
         if settled and np.abs(slope).max() < 1e-10:
             break
         reach = wanted if abs(wanted / reach - 1) < 0.01 else math.sqrt(reach * wanted)
-    if surface is None:
-        raise AssertionError("there is at least one round")
+    else:
+        raise ValueError(
+            f"the body does not come to rest in {ROUNDS} rounds of turning it and "
+            "fitting its bottom; its surface near the foot may be rough: export a "
+            "finer or smoother mesh"
+        )
     axes = basis(up, along)
     local = points @ axes.T
     others: list[Quadric | None] = []
