@@ -54,8 +54,11 @@ MEANT = (
     *("standard_gravity", "galileo"),
 )
 
+# A unit is not longer than this; pint reads a product of n factors n calls deep.
+MOST_CHARACTERS = 100
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-_FACTOR = r"[*/·]?\s*[A-Za-zµμ°]+\s*(?:(?:\^|\*\*)?\s*(?:-?\d|[²³]))?\s*"
+# Letters that follow each other are one name, whatever comes after them.
+_FACTOR = r"[*/·]?\s*[A-Za-zµμ°]++\s*(?:(?:\^|\*\*)?\s*(?:-?\d|[²³]))?\s*"
 _SECONDS = {"d": 86400.0, "h": 3600.0, "m": 60.0, "min": 60.0, "s": 1.0}
 _SPAN = r"(\d+(?:\.\d+)?)\s*(d|h|min|m|s)"
 
@@ -332,6 +335,10 @@ def _base(unit: str, needed: str = "") -> tuple[float, str]:
     """Return the size of a unit in SI base units, and these units."""
     if unit in COMMON:
         return COMMON[unit]
+    if len(unit) > MOST_CHARACTERS:
+        raise ValueError(
+            f"has a unit of {len(unit):,} characters, {one_line(unit, 30)}; {needed}"
+        )
     if not re.fullmatch(f"({_FACTOR})+", unit):
         what = (
             f"the unit {unit}, which is not a product of units" if unit else "no unit"

@@ -60,13 +60,13 @@ def fit(
         "12 +- 0.02 cm", ...}``.
     data : path, DataFrame or mapping of columns, or a list of these
         ``t_s`` (or ``t_ms``) and ``angle_deg``, ``spin_rpm``, ``n_rpm`` or
-        ``gyro_rad_s`` (about the stone's own upward axis), an export of Tracker or
-        phyphox with these quantities, two marks ``x1_px, y1_px, x2_px, y2_px``; or
-        ``reversal_s`` alone. ``t`` and ``n`` are in the units of the body.  The angle
-        is that of the long axis, counterclockwise seen from above, and may jump by half
-        turns; the spin is its central difference, and n is ``u . omega``.  The launch
-        is the first row, or time 0.  A column such as ``angle_error_deg`` has the
-        standard errors.
+        ``gyro_rad_s`` (about the stone's own upward axis), an export of Tracker,
+        Kinovea, phyphox and others with these quantities, two marks
+        ``x1_px, y1_px, x2_px, y2_px``; or ``reversal_s`` alone. ``t`` and ``n`` are in
+        the units of the body.  The angle is that of the long axis, counterclockwise
+        seen from above, and may jump by half turns; the spin is its central difference,
+        and n is ``u . omega``.  The launch is the first row after rows of rest, or time
+        0.  A column such as ``angle_error_deg`` has the standard errors.
     free : sequence of str
         Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, pivot, mu,
         skew`` (which is ``-xi``), ``xi, theta, phi, alpha, beta, gamma, c``, and of a
@@ -132,6 +132,7 @@ def fit_with_progress(
 ) -> Fit:
     """Fit as :func:`fit` does, and show the progress on a bar."""
     from rattlesweep.analysis.fit.film import read_film
+    from rattlesweep.analysis.fit.launched import from_the_launch
     from rattlesweep.analysis.fit.search import fit_run
     from rattlesweep.integrate.compile import listening
 
@@ -139,6 +140,7 @@ def fit_with_progress(
         arguments.refuse_units_of_columns("data", data)
     run, stone, priors, names = _to_fit(body, free, launch, losses)
     film = read_film(data, run.body.units, error, run.n_i)
+    film = from_the_launch(film, run.n_i)
     with listening(bar.compiling):
         return fit_run(run, film, names, bar.counting("fit"), stone, priors, robust)
 
@@ -170,7 +172,7 @@ def film_of(
     launch: Any,
     seconds: str,
     fps: float,
-    noise: str,
+    error: str,
     seed: int,
     **losses: Any,
 ) -> pd.DataFrame:
@@ -178,7 +180,7 @@ def film_of(
     from rattlesweep.analysis.fit.synthetic import synthetic_film
 
     run, _, _, _ = _to_fit(body, ["n_i"], launch, losses)
-    return synthetic_film(run, seconds, fps, noise, seed)
+    return synthetic_film(run, seconds, fps, error, seed)
 
 
 def _to_fit(

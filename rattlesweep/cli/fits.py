@@ -73,8 +73,8 @@ def fit(
     which measured values may have a standard error, as in 60 +- 1 g. DATA is a CSV or
     Parquet table with t_s and angle_deg or spin_rpm, or with reversal_s. Prints each
     free parameter with its 95 % interval, and correlations above 0.1. Exports of
-    Tracker and phyphox are read as they are. Exits with 3 if the run does not follow
-    the data. docs/fit.md explains both files.
+    Tracker, Kinovea, phyphox, Sensor Logger and others are read as they are. Exits with
+    3 if the run does not follow the data. docs/fit.md explains both files.
     """
     from rattlesweep.analysis.fit.result import summary_of
     from rattlesweep.api.fits import fit_films, fit_with_progress, plan_of_fit
@@ -183,14 +183,17 @@ def _fit_as_json(best: Fit, profile: pd.DataFrame | None) -> dict[str, Any]:
 
 @command(
     "One run",
-    "rattlesweep film STONE.yaml --fps 120 --noise '0.5 deg' --time '3 s' > film.csv",
+    "rattlesweep film STONE.yaml --fps 120 --error '0.5 deg' --time '3 s' > film.csv",
 )
 @options.path("stone")
 @option("--fps", type=float, default=FILM_RATE, help="Frames a second.")
-@option("--noise", default=FILM_ERROR, help="Standard deviation of the angle.")
+@option("--error", default=FILM_ERROR, help="Standard error of the angles, as of fit.")
+@option("--noise", hidden=True, help="The earlier name of --error.")
 @option("--time", "seconds", default="3 s", help="Length of the film.")
 @option("--seed", type=int, default=0, help="Seed of the noise.")
-def film(stone: Path, fps: float, noise: str, seconds: str, seed: int) -> None:
+def film(
+    stone: Path, fps: float, error: str, noise: str | None, seconds: str, seed: int
+) -> None:
     """Print a synthetic film of a stone: the angle of its long axis from above, as CSV.
 
     STONE is a stone file as for fit, with the values of launch and dissipation. Fit the
@@ -198,9 +201,11 @@ def film(stone: Path, fps: float, noise: str, seconds: str, seed: int) -> None:
     """
     from rattlesweep.api.fits import film_of
 
+    if noise is not None:
+        error = noise
     arguments = pick(read_stone(stone), "body", "launch", *LOSSES)
     try:
-        table = film_of(seconds=seconds, fps=fps, noise=noise, seed=seed, **arguments)
+        table = film_of(seconds=seconds, fps=fps, error=error, seed=seed, **arguments)
     except ConfigError as failure:
         raise ConfigError(
             [placed(message, stone, (), None) for message in failure.messages]

@@ -48,12 +48,18 @@ def body_of(given: Given) -> Rattleback:
         raise ConfigError(
             "--c has a unit, but the body has no size; give a number in a"
         )
+    with doubts_said():
+        return body_from(values, flag_of_body)
+
+
+@contextmanager
+def doubts_said() -> Iterator[None]:
+    """Print warnings about a body as warnings of the command."""
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always", ConfigWarning)
-        described = body_from(values, flag_of_body)
+        yield
     for doubt in doubts:
         say(f"warning: {doubt.message}")
-    return described
 
 
 def prepared_run(given: Given) -> PreparedRun:
@@ -142,11 +148,17 @@ def read_stone(path: Path) -> dict[str, Any]:
     from rattlesweep.design.config.schema import Stone
 
     data, places, problems = read_file(path)
+    if "bodies" in data and "body" not in data:
+        raise ConfigError(
+            f"{path}: is the config of a sweep, which run takes; a stone file has body "
+            "and launch (docs/fit.md)"
+        )
     stone = checked(Stone, data, places, problems)
     losses = vars(stone.dissipation)
     section = "body"
     try:
-        body = measured_body(stone.body)
+        with doubts_said():
+            body = measured_body(stone.body)
         section = "launch"
         require_units(separate(stone.launch)[0], body.body.units)
         section = "dissipation"

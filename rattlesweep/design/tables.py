@@ -8,7 +8,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pyarrow as pa
@@ -29,7 +29,6 @@ COMMENT = "#"  # begins lines before the header that are no part of the table
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 COMMA_DECIMAL = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 POINT_DECIMAL = re.compile(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?")
-_NUMBER = re.compile(r"[-+]?[.,]?\d")
 _WHOLE = re.compile(r"0|-?[1-9]\d*", re.ASCII)
 
 
@@ -43,7 +42,6 @@ def read_table(
     where: str,
     by_looks: Callable[[str], bool] = of_all,
     needed: Callable[[str], bool] = of_all,
-    may_have_title: bool = False,
 ) -> pa.Table:
     """Read a CSV file, a Parquet file or a folder of Parquet files.
 
@@ -55,10 +53,26 @@ def read_table(
     A cell of a CSV column may look like a number, or like none (``NA``).  Columns of
     names for which `by_looks` is false keep what is written: they are numbers only if
     each cell is written as a number is printed.  A folder has the columns of all its
-    files; one that is `needed` must be in all files or in none.  If a CSV table
-    `may_have_title`, a line above its header that names no columns is left out, and so
-    are columns without a name and a value.
+    files; one that is `needed` must be in all files or in none.
     """
+    file = table_file(path, where)
+    try:
+        if file.is_dir():
+            _check_folder(file, where)
+        announce(file)
+        if file.is_dir():
+            return _read_folder(file, where, needed)
+        if file.suffix.lower() in (".parquet", ".pq"):
+            return pq.read_table(file, page_checksum_verification=True)
+        return _read_csv(file, where, by_looks)
+    except ConfigError:
+        raise
+    except Exception as error:  # pyarrow raises many kinds
+        raise unreadable(where, error) from None
+
+
+def table_file(path: str | os.PathLike[str], where: str) -> Path:
+    """Return the path of a table; raise a ConfigError if there is no file or folder."""
     file = as_path(path, where)
     # Unlike methods of a path, these take names that no system allows.
     if not (os.path.isdir(file) or os.path.isfile(file)):
@@ -66,19 +80,7 @@ def read_table(
         if os.path.exists(file):
             what = "is not a file"
         raise ConfigError(f"{where}: {what}; give the path of a CSV or Parquet table")
-    try:
-        if file.is_dir():
-            _check_folder(file, where)
-        _announce(file)
-        if file.is_dir():
-            return _read_folder(file, where, needed)
-        if file.suffix.lower() in (".parquet", ".pq"):
-            return pq.read_table(file, page_checksum_verification=True)
-        return _read_csv(file, where, by_looks, may_have_title)
-    except ConfigError:
-        raise
-    except Exception as error:  # pyarrow raises many kinds
-        raise unreadable(where, error) from None
+    return file
 
 
 def unreadable(where: str, error: Exception) -> ConfigError:
@@ -110,7 +112,7 @@ def _check_folder(folder: Path, where: str) -> None:
             raise ConfigError(f"{where}: {what}; put them into one")
 
 
-def _announce(file: Path) -> None:
+def announce(file: Path) -> None:
     """Tell that a large table is being read."""
     files = [file]
     if file.is_dir():
@@ -176,12 +178,14 @@ def _joined(name: str, tables: dict[str, pa.Table], where: str) -> pa.ChunkedArr
         ) from None
 
 
-def _read_csv(
-    file: Path, where: str, by_looks: Callable[[str], bool], may_have_title: bool
-) -> pa.Table:
-    encoding = _encoding(file)
+def _read_csv(file: Path, where: str, by_looks: Callable[[str], bool]) -> pa.Table:
+    encoding = encoding_of(file.read_bytes())
     with open(file, encoding=encoding, errors="replace", newline="") as stream:
         head = stream.read(SAMPLED)
+    if not head.strip():
+        raise ConfigError(
+            f"{where}: is empty; give a table with a header and rows of numbers"
+        )
     if "\0" in head:
         raise ConfigError(
             f"{where}: cannot be read as a table: it has zero bytes, as UTF-16 without "
@@ -189,18 +193,19 @@ def _read_csv(
         )
     source: Path | pa.BufferReader = file
     size = file.stat().st_size
-    is_titled = may_have_title and _begins_with_title(head)
-    if head.startswith(COMMENT) or is_titled:
+    if head.startswith(COMMENT):
         text = _without_comments(file.read_text(encoding=encoding))
-        if is_titled:
-            text = _without_title(text)
         head = text[:SAMPLED]
         content = text.encode()
         source = pa.BufferReader(content)
         size = len(content)
         encoding = "utf-8"
     separator = _separator(head, where)
-    decimal = _decimal_sign(head, separator, where)
+    decimal = "."
+    if separator != ",":
+        decimal = decimal_sign(
+            dialects.reader(io.StringIO(head), delimiter=separator), where
+        )
     header = next(filter(None, dialects.reader(io.StringIO(head), delimiter=separator)))
     copied = [name for name in header if not by_looks(name.strip())]
     # Types are inferred from the first block, so one block takes the whole file, of
@@ -228,8 +233,6 @@ def _read_csv(
     columns = []
     names = []
     for name, column in zip(table.column_names, table.columns, strict=True):
-        if is_titled and not name.strip() and column.null_count == len(column):
-            continue
         names.append(name.strip())
         if name in copied:
             column = _as_written(_null_where(column, [""]), decimal)
@@ -239,12 +242,11 @@ def _read_csv(
     return pa.table(columns, names)
 
 
-def _encoding(file: Path) -> str:
+def encoding_of(text: bytes) -> str:
     """Return how a text is encoded: UTF-16 by its first bytes, UTF-8, or Windows' own.
 
     The latter is Latin-1 with more characters, and a few bytes that are none.
     """
-    text = file.read_bytes()
     if text.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     for encoding in ("utf-8-sig", "cp1252"):
@@ -310,29 +312,6 @@ def _without_comments(text: str) -> str:
     return "".join(rest)
 
 
-def _begins_with_title(head: str) -> bool:
-    """Return whether two lines of words come before the first line of a number.
-
-    The first of them is the title.  Each word of the header has its own column.
-    """
-    lines = _without_comments(head).splitlines()[:3]
-    if len(lines) < 3:
-        return False
-    separator = max(SEPARATORS, key=lines[1].count)
-    title, header, row = (
-        [cell.strip().strip('"') for cell in line.split(separator)] for line in lines
-    )
-    is_number = [_NUMBER.match(cells[0]) is not None for cells in (title, header, row)]
-    is_named = header[0] != "" and len(list(filter(None, header))) > 1
-    fewer = len(list(filter(None, title))) < len(list(filter(None, header)))
-    return is_number == [False, False, True] and is_named and fewer
-
-
-def _without_title(text: str) -> str:
-    """Return a table without its first line."""
-    return text.partition("\n")[2]
-
-
 def _separator(head: str, where: str) -> str:
     """Return the separator of the columns, by the first line that is not empty."""
     header = next((line for line in head.splitlines() if line.strip()), "")
@@ -352,15 +331,11 @@ def _separator(head: str, where: str) -> str:
     return ","
 
 
-def _decimal_sign(head: str, separator: str, where: str) -> str:
-    """Return the decimal sign of the numbers."""
-    if separator == ",":
-        return "."
+def decimal_sign(rows: Iterable[list[str]], where: str) -> str:
+    """Return the decimal sign of the numbers in some rows."""
     commas = set()
     points = set()
-    for line, cells in enumerate(
-        dialects.reader(io.StringIO(head), delimiter=separator)
-    ):
+    for line, cells in enumerate(rows):
         for cell in cells:
             if COMMA_DECIMAL.fullmatch(cell.strip()):
                 commas.add(line)

@@ -28,6 +28,7 @@ GRAVITY = 9.81  # on Earth, in m/s^2
 # angle between the z axis and a principal axis, in radians, for rounded inputs
 MAX_TILT = 1e-3
 MOST_RPM = 3000  # of a body with a size
+LIGHT = 100.0  # kg/m^3, half of the density of cork
 LARGE_SKEW = np.radians(60)  # beyond it, axes may be exchanged
 LIMITS = {
     "mass": (1e-9, 1e9, "kg"),
@@ -203,16 +204,28 @@ def doubts(units: Units, gamma: ArrayLike, xi: ArrayLike) -> Iterator[str]:
             "exchanged against the inertia, or the axes of the inertia?"
         )
     low, high, unit = LIMITS["density"]
-    mass, length, gammas = np.broadcast_arrays(units.mass, units.length, gamma)
-    densities = np.ravel(mass / (8 * np.pi / 3 * gammas * length**3))
+    masses, length, gammas = np.broadcast_arrays(units.mass, units.length, gamma)
+    mass = np.ravel(masses)
+    densities = mass / np.ravel(8 * np.pi / 3 * gammas * length**3)
     # An unknown mass is NaN.
     wrong = np.flatnonzero((densities < low) | (densities > high))
     if wrong.size:
         first = wrong[0]
         yield (
-            f"a stone of {np.ravel(mass)[first]:g} kg with this inertia and height has "
+            f"a stone of {mass[first]:g} kg with this inertia and height has "
             f"a density of about {densities[first]:.2g} {unit}; from {low:g} (foam) to "
             f"{high:,.0f} (osmium) is likely; check the units of mass and inertia"
+        )
+        return
+    # An inertia per mass is a length squared, which is no moment of inertia.
+    per_mass = densities / mass
+    wrong = np.flatnonzero((densities < LIGHT) & (per_mass > 3 * LIGHT))
+    if wrong.size:
+        first = wrong[0]
+        yield (
+            f"a stone of {mass[first]:g} kg with this inertia and height has "
+            f"a density of about {densities[first]:.2g} {unit}, less than cork; if the "
+            "inertia is per mass, in m^2, multiply it by the mass"
         )
 
 

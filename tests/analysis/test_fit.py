@@ -231,14 +231,67 @@ def test_half_turns_between_frames_are_counted_by_the_spin_of_the_launch(rpm):
     assert "differ by 900 rpm look alike" in remark
 
 
-def test_parameters_that_only_their_ratio_is_told_of_are_both_named():
-    launch = natural(n_i=0.3, omega_xy0=1e-7)
+UNPUSHED = natural(n_i=0.3, omega_xy0=1e-7)
+
+
+def unpushed():
+    """Return the spin of a stone without a push, with noise."""
     data = rs.trajectory(
-        BODY, **launch, **natural(sigma=4e-3, t_end=20), points=200
+        BODY, **UNPUSHED, **natural(sigma=4e-3, t_end=20), points=200
     ).table[["t", "n"]]
     data["n"] += 1e-3 * np.random.default_rng(1).standard_normal(200)
-    fit = rs.fit(BODY, data, free=["sigma", "gamma"], launch=launch)
-    assert "the data cannot tell sigma and gamma apart" in fit.remarks[0]
+    return data
+
+
+def test_parameters_that_only_their_ratio_is_told_of_are_both_named():
+    fit = rs.fit(BODY, unpushed(), free=["sigma", "gamma"], launch=UNPUSHED)
+    # One cause has one warning, which does not lead to a value without an error.
+    (remark,) = fit.remarks
+    assert remark.startswith("the data cannot tell sigma and gamma apart: measure")
+    assert "give it with its error, as in 60 +- 1 g" in remark
+
+
+def test_the_interval_of_a_push_that_is_hardly_told_is_that_of_its_profile():
+    fit = rs.fit(
+        BODY,
+        unpushed(),
+        free="omega_xy0",
+        launch=UNPUSHED,
+        **natural(sigma=4e-3),
+    )
+    (remark,) = fit.remarks
+    assert remark.startswith("the data hardly tell omega_xy0: measure")
+    low, high = fit.intervals["omega_xy0"]
+    assert low < 1e-7 < high
+    # A push of this size would be seen in the spin.
+    assert high < 0.03
+    interval = fit.profile("omega_xy0").attrs["interval"]
+    assert fit.intervals["omega_xy0"] == pytest.approx(interval)
+
+
+def test_a_film_of_radians_beyond_a_turn_is_told_of():
+    t = np.linspace(0, 3, 300)
+    slow = {"t_s": t, "angle_deg": 10 * t}
+    (remark,) = doubts_of_data(read_film(slow, BODY.units), BODY.units)
+    assert remark.startswith("the stone never turns faster than 1.67 rpm; if the")
+
+
+def test_a_stone_file_and_a_config_are_told_apart(tmp_path):
+    assert_refused(invoke("run", STONE), 2, "is a stone file, which fit, film,")
+    config = tmp_path / "config.yaml"
+    config.write_text("bodies: {source: preset, name: GH}\n")
+    assert_refused(invoke("fit", config, DATA), 2, "is the config of a sweep, which")
+
+
+def test_the_error_of_a_film_has_the_name_that_it_has_in_a_fit(tmp_path):
+    stone = tmp_path / "stone.yaml"
+    stone.write_text(STONE.read_text().replace("n_i:", "omega_xy0: 10 rpm, n_i:"))
+    films = [
+        invoke("film", stone, "--time", "0.1 s", name, "2 deg").stdout
+        for name in ("--error", "--noise")
+    ]
+    assert films[0] == films[1] != invoke("film", stone, "--time", "0.1 s").stdout
+    assert "--noise" not in invoke("film", "--help").stdout
 
 
 def test_an_axis_is_followed_through_half_turns_and_gaps():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from sweeping import HEAD, ROW
 import rattlesweep as rs
 from rattlesweep.design.bodies import table
 from rattlesweep.errors import ConfigWarning
+from rattlesweep.units import quantity
 
 STONES = pd.DataFrame(
     {
@@ -217,3 +219,23 @@ def test_columns_are_carried_as_what_they_hold(tmp_path):
         "real": [1.5, 2.0],
         "words": ["a b", None],
     }
+
+
+def test_an_inertia_per_mass_is_told_of():
+    """A length squared that is called a moment of inertia makes a stone like foam."""
+    sizes = {"mass": "60 g", "height": "7.5 mm", "radii": "30, 2 cm"}
+    per_mass = np.array([0.5e-4, 7.5e-4, 7.7e-4, -0.05e-4])
+    with pytest.warns(ConfigWarning, match="if the inertia is per mass, in m"):
+        rs.Rattleback.from_si(**sizes, inertia=f"{str(per_mass.tolist())[1:-1]} kg m^2")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        inertia = f"{str((0.06 * per_mass).tolist())[1:-1]} kg m^2"
+        rs.Rattleback.from_si(**sizes, inertia=inertia)
+
+
+def test_a_unit_of_thousands_of_factors_is_refused_with_a_sentence():
+    with pytest.raises(ValueError, match="has a unit of 15,003 characters"):
+        quantity("1 " + 5000 * "kg*" + "m^2", "mass")
+    # What is no product of units is found at once, however long its names are.
+    with pytest.raises(ValueError, match="is not a product of units"):
+        quantity("1 " + 60 * "m" + "!", "mass")

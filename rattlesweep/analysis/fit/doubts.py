@@ -31,6 +31,7 @@ LONGEST_GAP = 0.5  # seconds without an angle; in a longer gap half a turn may g
 CLEAR = 1.5
 # Most by which two times of a first reversal may differ, as a factor.
 _AROUND = 3.0
+SLOWEST = math.radians(20)  # spin of a film in 1/s, below which nobody films a stone
 # A spin against the launch is noise up to this share of the launch's spin.
 TURNING = 0.2
 # Kolmogorov's limit, which one in 1000 sets of independent residuals exceeds.
@@ -200,15 +201,22 @@ def doubts_of_data(
 
     `n_i` is the spin that is given of the launch, None if it is not.
     """
-    remarks = []
+    remarks = [*film.notes]
     if film.kind == "angle" and film.turn_a_row > FAST:
         remarks.append(_of_fast_turns(film, units, n_i))
     if film.kind == "angle" and film.value_column.unit.name == "deg":
         span = float(np.ptp(np.degrees(film.value[film.known])))
+        is_slow = units is not None and film.largest_spin / units.time < SLOWEST
         if span < math.tau:
             remarks.append(
                 f"all angles are within {span:.3g} degrees; if they are in radians, "
                 "name the column angle_rad"
+            )
+        elif is_slow and not n_i:
+            largest = spin_text(film.largest_spin, units)
+            remarks.append(
+                f"the stone never turns faster than {largest}; if the angles are in "
+                "radians, name the column angle_rad"
             )
     if film.kind == "angle" and units is not None:
         seconds = film.t[film.known] * units.time
@@ -389,7 +397,29 @@ def doubts_of_errors(chi_squared: float, freedom: int) -> list[str]:
 def doubts_of_parameters(
     problem: FitProblem, x: Floats, half_width: Floats, jacobian: Floats
 ) -> list[str]:
-    """Return remarks on the parameters that the data hardly determine.
+    """Return the remark on the parameters that the data hardly determine, if any.
+
+    The arguments are those of :func:`untold`.
+    """
+    alike, vague = untold(problem, x, half_width, jacobian)
+    told = []
+    if alike:
+        told.append(f"cannot tell {_listed(alike)} apart")
+    if vague:
+        told.append(f"hardly tell {_listed(vague)}")
+    if not told:
+        return []
+    return [
+        f"the data {', and '.join(told)}: measure what you can otherwise and give it "
+        "with its error, as in 60 +- 1 g, since a value without an error makes the "
+        "other intervals too narrow"
+    ]
+
+
+def untold(
+    problem: FitProblem, x: Floats, half_width: Floats, jacobian: Floats
+) -> tuple[list[str], list[str]]:
+    """Return the parameters that are not told apart, and others that are hardly told.
 
     `x` are their values, and `half_width` those of the intervals. The columns of
     `jacobian` have length 1.
@@ -409,18 +439,20 @@ def doubts_of_parameters(
     alike = np.abs(spread @ spread.T) > ALIKE * np.outer(lengths, lengths)
     # Two estimates that go together are harmless as long as both are well known.
     is_pair = alike & (vague | vague[:, None])
-    pairs = np.argwhere(np.triu(is_pair, 1))  # each pair once
-    remarks = [
-        f"the data cannot tell {names[i]} and {names[j]} apart: fix one of them"
-        for i, j in pairs
-    ]
-    unpaired = [names[i] for i in np.flatnonzero(vague) if i not in pairs]
-    if unpaired:
-        vague_names = " and ".join(unpaired)
-        remarks.append(
-            f"the data hardly tell {vague_names}: fix what is known otherwise"
-        )
-    return remarks
+    np.fill_diagonal(is_pair, False)
+    paired = is_pair.any(axis=1)
+    return (
+        [names[i] for i in np.flatnonzero(paired)],
+        [names[i] for i in np.flatnonzero(vague & ~paired)],
+    )
+
+
+def _listed(names: list[str]) -> str:
+    """Return names with commas and a last "and"."""
+    *first, last = names
+    if not first:
+        return last
+    return f"{', '.join(first)} and {last}"
 
 
 def directions_of(jacobian: Floats) -> tuple[Floats, Floats, float]:

@@ -8,13 +8,14 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from statistics import median
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rattlesweep.analysis.fit.exports import from_export
+from rattlesweep.analysis.fit.exports import PROGRAMS, from_export
+from rattlesweep.analysis.fit.sheets import Sheet, open_sheet
 from rattlesweep.arrays import Flags, Floats, Places
-from rattlesweep.design.tables import read_table
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.units import quantity, split
 
@@ -75,6 +76,8 @@ class Film:
     value_column: FilmColumn
     # Standard errors of the values, None if they are not known.
     error: Floats | None = None
+    # What of the data was left out, in sentences.
+    notes: tuple[str, ...] = ()
 
     @property
     def known(self) -> Flags:
@@ -159,19 +162,23 @@ def read_film(
     quarter turn from row to row tells which half turns were lost.  Raises a ConfigError
     if columns are missing, or if a row is no number or out of order.
 
-    Exports of Tracker and of phones are read as they are.
+    Exports of the programs of :data:`exports.FORMATS` are read as they are.
     """
-    place, frame = _read_table(source)
-    frame = from_export(place, frame, n_i)
-    columns = _measured_columns(place, frame, units)
-    values = {
-        column.kind: _numbers(place, frame, column) for column in columns.values()
-    }
+    spin = None
+    if n_i is not None and units is not None:
+        spin = n_i / units.time
+    sheet = from_export(open_sheet(source), spin)
+    place = sheet.place
+    columns = _measured_columns(sheet, units)
+    values = dict(zip(columns, _numbers(sheet, [*columns.values()]), strict=True))
     kind = next(name for name in _KINDS if name in columns)
     value = values[kind]
     if not np.isfinite(value).any():
-        raise ConfigError(f"{place}: no row has a value of {columns[kind].name}")
-    errors = _errors(place, frame, columns[kind], value, units, error)
+        problem = f"no row has a value of {columns[kind].name}"
+        if not sheet.has_rows:
+            problem += ", as it has a header and no rows"
+        raise ConfigError(f"{place}: {problem}")
+    errors = _errors(sheet, columns[kind], value, units, error)
     if kind == "reversal":
         order = np.argsort(value)[: np.isfinite(value).sum()]
         value = value[order]
@@ -196,40 +203,21 @@ def read_film(
     return Film(place, kind, t, value, columns["t"], columns[kind], errors)
 
 
-def _read_table(source: Any) -> tuple[str, pd.DataFrame]:
-    """Return how messages name a table, and the table."""
-    import pandas as pd
-
-    place = "data"
-    try:
-        if not isinstance(source, str | os.PathLike):
-            return place, pd.DataFrame(source)
-        place = one_line(os.fspath(source), 200)
-        return place, read_table(source, place, may_have_title=True).to_pandas()
-    except ConfigError:
-        raise
-    except Exception as error:  # pandas raises many kinds
-        reason = one_line(getattr(error, "strerror", None) or str(error), 200)
-        raise ConfigError(f"{place}: cannot be read as a table ({reason})") from None
-
-
-def _measured_columns(
-    place: str, frame: pd.DataFrame, units: Units | None
-) -> dict[str, FilmColumn]:
+def _measured_columns(sheet: Sheet, units: Units | None) -> dict[str, FilmColumn]:
     """Return the first column of each quantity; raise if some are missing."""
     columns: dict[str, FilmColumn] = {}
-    for name in map(str, frame):
+    for name in sheet.names:
         column = _measured_column(name, units)
         if column is not None:
             columns.setdefault(column.kind, column)
     kind = next((name for name in _KINDS if name in columns), None)
     if kind is None or (kind != "reversal" and "t" not in columns):
-        names = one_line(", ".join(map(str, frame)), 100)
-        advice = ""
+        names = one_line(", ".join(sheet.names), 100)
+        advice = f"; exports of {', '.join(PROGRAMS)} are read as they are"
         if units is None:
             advice = "; the body has no size, so only t and n, or give it in SI units"
         raise ConfigError(
-            f"{place}: {_NEEDED} are needed, and the columns are {names}{advice}"
+            f"{sheet.place}: {_NEEDED} are needed, and the columns are {names}{advice}"
         )
     return columns
 
@@ -254,16 +242,16 @@ def _measured_column(name: str, units: Units | None) -> FilmColumn | None:
 
 
 def _errors(
-    place: str,
-    frame: pd.DataFrame,
+    sheet: Sheet,
     measured: FilmColumn,
     value: Floats,
     units: Units | None,
     error: float | str | None,
 ) -> Floats | None:
     """Return the standard errors of the values of a column, None if not known."""
+    place = sheet.place
     prefix = f"{measured.kind}_error"
-    names = [name for name in map(str, frame) if name.startswith(prefix)]
+    names = [name for name in sheet.names if name.startswith(prefix)]
     if error is not None:
         if names:
             raise ConfigError(f"error: {place} has the column {names[0]}; keep one")
@@ -277,7 +265,7 @@ def _errors(
             f"{place}: {names[0]} does not end in a unit; name the column "
             f"{measured.name.replace(measured.kind, prefix, 1)}"
         )
-    errors = _numbers(place, frame, like._replace(name=names[0]))
+    (errors,) = _numbers(sheet, [like._replace(name=names[0])])
     for row in np.flatnonzero(np.isfinite(value) & ~(errors > 0))[:1]:
         problem = "has no finite value"
         if np.isfinite(errors[row]):
@@ -318,19 +306,21 @@ def _error_of_all(
     return number * like.unit.size
 
 
-def _numbers(place: str, frame: pd.DataFrame, column: FilmColumn) -> Floats:
-    """Return a column in the units of the body, NaN where it has no finite number."""
-    import pandas as pd
-
-    cells = frame.iloc[:, [str(name) for name in frame].index(column.name)]
-    numbers = pd.to_numeric(cells, errors="coerce")
-    for row in np.flatnonzero(numbers.isna() & cells.notna())[:1]:
-        cell = one_line(str(cells.iloc[row]), 40)
-        raise ConfigError(
-            f"{place}: row {row + 1}: {column.name} is {cell}, not a number"
-        )
-    values: Floats = numbers.replace([np.inf, -np.inf], np.nan).to_numpy(float)
-    return values * column.unit.size
+def _numbers(sheet: Sheet, columns: list[FilmColumn]) -> list[Floats]:
+    """Return columns in the units of the body, NaN where one has no finite number."""
+    places = []
+    for column in columns:
+        if sheet.names.count(column.name) > 1:
+            raise ConfigError(
+                f"{sheet.place}: it has {sheet.names.count(column.name)} columns "
+                f"{column.name}; keep the one that is meant, or name the others "
+                "differently"
+            )
+        places.append(sheet.names.index(column.name))
+    return [
+        np.where(np.isfinite(values), values, np.nan) * column.unit.size
+        for values, column in zip(sheet.read(places), columns, strict=True)
+    ]
 
 
 def _check_increasing(place: str, t: Floats, column: FilmColumn) -> None:
@@ -349,17 +339,21 @@ def unwrapped(t: Floats, angle: Floats, spin: float = 0.0) -> Floats:
 
     `spin` is a first guess of the rate.
     """
-    continuous = angle.copy()
     rows = np.flatnonzero(np.isfinite(angle))
-    for i in range(1, len(rows)):
-        row = rows[i]
-        last = rows[i - 1]
-        first = rows[max(0, i - 1 - MEMORY)]
-        if last > first:
-            spin = (continuous[last] - continuous[first]) / (t[last] - t[first])
+    # Lists, since single numbers of an array are slow.
+    times = t[rows].tolist()
+    angles = angle[rows].tolist()
+    for i in range(1, len(angles)):
+        first = max(0, i - 1 - MEMORY)
+        if i - 1 > first:
+            spin = (angles[i - 1] - angles[first]) / (times[i - 1] - times[first])
         # The median of the last rows, of which one may be far off.
-        near = rows[max(0, i - NEAR) : i]
-        expected = float(np.median(continuous[near] + spin * (t[row] - t[near])))
-        half_turns = round((expected - continuous[row]) / math.pi)
-        continuous[row] += math.pi * half_turns
+        expected = median(
+            angles[near] + spin * (times[i] - times[near])
+            for near in range(max(0, i - NEAR), i)
+        )
+        half_turns = round((expected - angles[i]) / math.pi)
+        angles[i] += math.pi * half_turns
+    continuous = angle.copy()
+    continuous[rows] = angles
     return continuous

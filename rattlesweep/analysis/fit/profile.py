@@ -125,6 +125,14 @@ class Profile:
         return between(value)
 
 
+def interval_of(estimate: Estimate, name: str) -> tuple[float, float]:
+    """Return the 95 % interval of a parameter by its profile."""
+    profile = Profile(estimate, list(estimate.problem.scales).index(name))
+    ends = [profile.end(profile.side(sign)) for sign in (-1, 1)]
+    low, high = (estimate.values(end.x)[name] for end in ends)
+    return low, high
+
+
 def profile_of(estimate: Estimate, name: str) -> pd.DataFrame:
     """Return the table of :meth:`Fit.profile`."""
     profile = Profile(estimate, list(estimate.problem.scales).index(name))

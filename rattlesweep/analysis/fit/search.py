@@ -24,6 +24,7 @@ from rattlesweep.analysis.fit.estimate import (
 from rattlesweep.analysis.fit.film import Film
 from rattlesweep.analysis.fit.measured import MeasuredBody, Prior, of_body
 from rattlesweep.analysis.fit.problem import FITTABLE, SIZES, FitProblem
+from rattlesweep.analysis.fit.profile import interval_of
 from rattlesweep.analysis.fit.result import Fit, in_words
 from rattlesweep.analysis.fit.scan import searches_of_times
 from rattlesweep.analysis.fit.series import FILM_STEPS, searches_of_series
@@ -40,6 +41,8 @@ _LONGER = 1.5
 MOST_DESCENTS = 3
 LOWER = -0.02
 BENT = 2.5  # factor by which chi squared rises more or less than a parabola
+# Standard errors by which the other parameters of a flat valley change along it.
+FLAT = 3.0
 USUAL_STEPS = 60  # of all searches of a fit
 
 
@@ -144,12 +147,15 @@ def fit_run(
         *left_out,
         *doubts.doubts_of_outliers(film, off[places], places, are_left_out=False),
     ]
-    # A fit that is pulled by single rows says nothing more of the others.
-    if not len(places):
-        # Where no valley has been found, none is compared with others.
-        remarks += doubts.doubts_of_residuals(
-            film, residuals, estimate.noise
-        ) or _doubts_of_valley(estimate, searches, rises)
+    # A fit that is pulled by single rows says nothing more of the others, and one that
+    # does not follow the data nothing of the parameters.
+    if len(places):
+        return _result(estimate, remarks)
+    misfits = doubts.doubts_of_residuals(film, residuals, estimate.noise)
+    if misfits and estimate.noise > film.rough_noise:
+        return _result(estimate, [*remarks, *misfits], follows=False)
+    # Where no valley has been found, none is compared with others.
+    remarks += misfits or _doubts_of_valley(estimate, searches, rises)
     return _result(estimate, remarks)
 
 
@@ -208,7 +214,17 @@ def _doubts_of_valley(
     """Return remarks on other valleys, and on one that is no parabola."""
     remarks = []
     problem = estimate.problem
-    rivals = rivals_of(estimate, searches)
+    names = list(problem.scales)
+    alike, vague = doubts.untold(
+        problem, estimate.x, estimate.half_widths, estimate.jacobian
+    )
+    # Along these, chi squared is flat, of which another remark tells.
+    flat = np.array([name in (*alike, *vague) for name in names])
+    rivals = [
+        rival
+        for rival in rivals_of(estimate, searches)
+        if (np.abs(rival.x - estimate.x) > FLAT * estimate.standard_errors)[~flat].any()
+    ]
     if rivals:
         rival = rivals[0]
         values = estimate.values(rival.x)
@@ -217,14 +233,18 @@ def _doubts_of_valley(
         )
         remarks.append(
             f"the sum of squares is nearly as small at {listed}: this may be a worse "
-            "valley than the true one; give more data, or fix what is known otherwise"
+            "valley than the true one; give more data, or what is known otherwise with "
+            "its error"
         )
     elif problem.film.kind == "reversal":
         remarks += doubts.doubts_of_exact_times(problem.film, estimate.noise)
-    names = list(problem.scales)
     noise_counts = estimate.noise > LEAST_NOISE * problem.film.size
     bent = (rises < 1 / BENT) | (rises > BENT)
-    curved = [names[j] for j in range(len(names)) if bent[2 * j : 2 * j + 2].any()]
+    curved = [
+        name
+        for j, name in enumerate(names)
+        if bent[2 * j : 2 * j + 2].any() and not flat[j]
+    ]
     if curved and noise_counts:
         remarks.append(
             f"chi squared is no parabola along {' and '.join(curved)}, so the "
@@ -267,8 +287,16 @@ def _best_search(
     return polish(problem, best), searches
 
 
-def _result(estimate: Estimate, remarks: list[str], is_planned: bool = False) -> Fit:
-    """Return the fit of an estimate, with intervals and remarks."""
+def _result(
+    estimate: Estimate,
+    remarks: list[str],
+    is_planned: bool = False,
+    follows: bool = True,
+) -> Fit:
+    """Return the fit of an estimate, with intervals and remarks.
+
+    Of a run that does not follow the data, the parameters are not remarked on.
+    """
     problem = estimate.problem
     best = estimate.search
     film = problem.film
@@ -277,15 +305,22 @@ def _result(estimate: Estimate, remarks: list[str], is_planned: bool = False) ->
     limits = problem.limits()
     low = estimate.values(np.clip(best.x - half_width, *limits))
     high = estimate.values(np.clip(best.x + half_width, *limits))
-    remarks = [
-        *remarks,
-        *doubts.doubts_of_parameters(problem, best.x, half_width, estimate.jacobian),
-        *doubts.doubts_of_priors(problem, best.residuals[problem.rows :]),
-    ]
+    alike, vague = doubts.untold(problem, best.x, half_width, estimate.jacobian)
+    if "omega_xy0" in (*alike, *vague) and follows and not is_planned:
+        # Its logarithm is fitted, and a parabola of it ends anywhere.
+        low["omega_xy0"], high["omega_xy0"] = interval_of(estimate, "omega_xy0")
+    if follows:
+        remarks = [
+            *remarks,
+            *doubts.doubts_of_parameters(
+                problem, best.x, half_width, estimate.jacobian
+            ),
+            *doubts.doubts_of_priors(problem, best.residuals[problem.rows :]),
+        ]
     # The residuals of a plan are zero.
-    if film.error is not None and not is_planned:
+    if film.error is not None and follows and not is_planned:
         remarks += doubts.doubts_of_errors(best.squares, problem.freedom)
-    if not best.settled:
+    if not best.settled and follows:
         remarks.append(
             f"the search did not settle within {FILM_STEPS} steps; give a better launch"
         )

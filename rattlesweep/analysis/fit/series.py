@@ -121,11 +121,9 @@ def _continued(problem: FitProblem, start: Floats) -> Floats:
             return x
         part = replace(part, priors={**part.priors, **tethers(problem, start)})
         search = minimise(part, x, 1e-3, _FIRST_STEPS)
-        if is_close(part, search):
-            x = search.x
-            done = share
-        elif done == 0.0:
-            # The next part may tell more, and is fitted from here.
+        # After a first part that fails, the next one may tell more, and is fitted from
+        # there.
+        if is_close(part, search) or done == 0.0:
             x = search.x
             done = share
         else:

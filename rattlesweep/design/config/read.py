@@ -62,6 +62,13 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     wins.  A ConfigError lists all mistakes, one a line: ``file:line: key: message``.
     """
     data, places, problems = read_file(path)
+    if "body" in data and "bodies" not in data:
+        file = one_line(os.fspath(path), 200)
+        raise ConfigError(
+            f"{file}: is a stone file, which fit, film, verdict, show and contact "
+            "take; the config of a sweep has bodies and spin (rattlesweep init writes "
+            "one)"
+        )
     name = [c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem]
     for text in overrides:
         places = _override(data, places, text)
