@@ -9,6 +9,7 @@ Meanings of keys, columns and statuses come from their definitions in the packag
 # ruff: noqa: E501 - lines of Markdown
 from __future__ import annotations
 
+import argparse
 import itertools
 import math
 import re
@@ -497,11 +498,18 @@ PAGES = {"config.md": config_page, "columns.md": columns_page}
 
 def main() -> int:
     """Write or compare the pages."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="write nothing; exit with 1 if out of date"
+    )
+    only_checks = parser.parse_args().check
     outdated: list[str] = []
     for name, page in PAGES.items():
         path = DOCS / name
         text = page().rstrip() + "\n"
-        if "--check" not in sys.argv:
+        if not only_checks:
             path.write_text(text)
         elif not path.exists() or path.read_text() != text:
             outdated.append(name)

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 COMPILING = (
-    "compiling a kernel for this machine (about 15 s); it is kept for later runs"
+    "compiling a kernel for this machine (15 to 60 s); it is kept for later runs"
 )
 COMPILING_ONCE = (
-    "compiling a kernel for this machine (about 15 s), for this run alone: kernels are "
+    "compiling a kernel for this machine (15 to 60 s), for this run alone: kernels are "
     "kept where nobody else can write, in the folder or in one above it; run "
     "`chmod go-w ~/.cache`, or name such a folder by NUMBA_CACHE_DIR"
 )

@@ -120,11 +120,16 @@ _FORMATS = {
     "pdf": {"CreationDate": None},
 }
 
-# Steps below this part of a curve's range are not counted as oscillations.
+# A range below this part of a curve's own is rounding.
 _ROUNDING = 1e-9
-_BINS = 1000  # stretches of a curve, each about a pixel wide
-# A curve of more oscillations would be solid ink, so the envelope is drawn.
-MOST_PERIODS = 150
+_BINS = 1000  # columns of a curve, each about a pixel wide
+# Columns whose extremes make one point of an envelope: the fewest that hold a period.
+_WIDTHS = (1, 3, 5, 9)
+# Windows hold a period if nearly all ranges in them are at least this part of that in
+# twice as many columns, and this part of the mean of their neighbours.
+_WHOLE = 0.75
+_EVEN = 0.99
+_EXCEPT = 0.05  # of the windows
 CAPTION_SIZE = 7.0  # points; less where the text of the figure is small
 CAPTION_PART = 0.22  # of the height of a figure that does not grow
 # A style file, the name of a style, or settings.
@@ -372,26 +377,68 @@ def curve(
     axis: Axes, t: Floats, values: Floats, colour: str = BLUE, **look: Any
 ) -> None:
     """Draw a curve, or the envelope of one with very many oscillations."""
-    # Imported here, as most commands draw nothing and start faster without it.
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
     lines: dict[str, Any] = {"color": colour, "linewidth": 0.8} | look
-    steps = np.diff(values)
-    steps = steps[np.abs(steps) > _ROUNDING * np.ptp(values)]
-    periods = np.count_nonzero(np.diff(np.sign(steps))) / 2
-    if periods <= MOST_PERIODS or not np.isfinite(values).all():
+    band = None
+    if np.isfinite(values).all():
+        band = envelope(t, values)
+    if band is None:
         places = thin(values, _BINS)
         axis.plot(t[places], values[places], **lines)
         return
-    # The lowest and the highest value within an oscillation around each place.
-    width = math.ceil(1.2 * len(t) / periods)
-    places = np.linspace(0, len(t) - 1, 2 * _BINS).round().astype(np.int64)
-    low = minimum_filter1d(values, width, mode="nearest")[places]
-    high = maximum_filter1d(values, width, mode="nearest")[places]
-    axis.fill_between(t[places], low, high, color=colour, alpha=0.25, linewidth=0)
-    axis.plot(t[places], low, **lines)
+    axis.fill_between(*band, color=colour, alpha=0.25, linewidth=0)
+    axis.plot(band.t, band.low, **lines)
     lines.pop("label", None)  # one entry in the legend is enough
-    axis.plot(t[places], high, **lines)
+    axis.plot(band.t, band.high, **lines)
+
+
+class Envelope(NamedTuple):
+    """The lowest and the highest value of a curve around times."""
+
+    t: Floats
+    low: Floats
+    high: Floats
+
+
+def envelope(t: Floats, values: Floats) -> Envelope | None:
+    """Return the extremes of a curve in each column of a picture.
+
+    None is returned for a curve whose single oscillations can be seen.  No period is
+    counted: a wobble has several, and its slope has more extremes than it has periods.
+    """
+    # Imported here, as most commands draw nothing and start faster without it.
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    edges = np.linspace(t[0], t[-1], _BINS + 1)[:-1]
+    # A column without rows, as between long steps, is left out.
+    starts = np.unique(np.searchsorted(t, edges))
+    if len(values) <= 2 * len(starts):
+        return None
+    low = np.minimum.reduceat(values, starts)
+    high = np.maximum.reduceat(values, starts)
+    ends = np.append(starts[1:], len(t)) - 1
+    middle = (t[starts] + t[ends]) / 2
+    middle[[0, -1]] = t[[0, -1]]
+    for width in _WIDTHS:
+        lowest = minimum_filter1d(low, width)
+        highest = maximum_filter1d(high, width)
+        ranges = highest - lowest
+        doubled = maximum_filter1d(high, 2 * width) - minimum_filter1d(low, 2 * width)
+        moves = doubled[1:-1] > _ROUNDING * np.ptp(values)
+        if not moves.any():
+            return None
+        inner = ranges[1:-1][moves]
+        is_whole = inner >= _WHOLE * doubled[1:-1][moves]
+        # An even growth has neighbours whose geometric mean is the range between.
+        mean = np.sqrt(ranges[:-2] * ranges[2:])[moves]
+        is_even = inner >= _EVEN * mean
+        if np.mean(is_whole & is_even) >= 1 - _EXCEPT:
+            # Windows beyond the ends are no whole ones; the next one has their columns.
+            half = width // 2
+            for extremes in (lowest, highest):
+                extremes[:half] = extremes[half]
+                extremes[len(extremes) - half :] = extremes[-half - 1]
+            return Envelope(middle, lowest, highest)
+    return None
 
 
 def encode_figure(figure: Figure, kind: str, dpi: float = FIGURE_DPI) -> bytes:

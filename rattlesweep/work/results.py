@@ -31,6 +31,7 @@ from rattlesweep.store.types import (
     TYPES,
     classify,
     is_held_at_end,
+    slowed_by_friction,
     sure_types,
 )
 from rattlesweep.work.error import Estimated
@@ -162,6 +163,17 @@ class Results:
             self.config.classify,
             self.energy_left if self.config.dissipation else None,
             self._is_held,
+            self._slowed,
+        )
+
+    @property
+    def _slowed(self) -> Floats | None:
+        """What friction takes of a spin without oscillation, None without it."""
+        losses = self.launches.losses
+        if not losses:
+            return None
+        return slowed_by_friction(
+            self.outcome.t_end, self.launches.n_i, self.bodies.gamma, losses
         )
 
     @property
@@ -186,6 +198,7 @@ class Results:
             (outcome.amp_growth, outcome.n_departure),
             (outcome.amp_growth_error, outcome.n_departure_error),
             self.config.classify,
+            self._slowed,
         )
         return pa.array(is_sure, mask=self.type_codes < 0)
 

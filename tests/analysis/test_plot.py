@@ -23,9 +23,18 @@ from theory_mp import n_c1_squared
 
 import rattlesweep as rs
 from rattlesweep.analysis.layout import fill, read_layout
+from rattlesweep.analysis.onerun import figure as onerun
 from rattlesweep.analysis.plots import Picture, choose_picture
 from rattlesweep.analysis.plots.maps import BONDI
-from rattlesweep.analysis.style import GREY, TYPE_STYLE, curve, new_figure, styled
+from rattlesweep.analysis.style import (
+    GREY,
+    TYPE_STYLE,
+    curve,
+    envelope,
+    new_figure,
+    styled,
+)
+from rattlesweep.api.single import prepare_launch
 
 CODES = {name: code for code, name in enumerate([*TYPE_STYLE, "failed", "missing"])}
 
@@ -147,13 +156,40 @@ def test_areas_are_the_shares(sweeps):
     table = shown.table().sort_values("K_r")
     below = np.zeros(4)
     areas = {area.get_label(): area for area in axes.patches if area.get_label()}
-    for name, (colour, _, hatch, text) in PLAIN.items():
+    # Steady spinning is at the bottom, where the triangles of theory are compared.
+    names = ["SS", *(name for name in PLAIN if name != "SS")]
+    assert len(areas) == (table[[f"fraction_{name}" for name in names]] > 0).any().sum()
+    for name in names:
+        colour, _, hatch, text = PLAIN[name]
+        if text not in areas:
+            assert not table[f"fraction_{name}"].any()
+            continue
         top = below + table[f"fraction_{name}"].to_numpy()
         assert areas[text].get_data().baseline == pytest.approx(below)
         assert areas[text].get_data().values == pytest.approx(top)
         assert to_rgb(areas[text].get_facecolor()) == to_rgb(colour)
         assert (areas[text].get_hatch() or "") == hatch
         below = top
+
+
+def test_triangles_are_at_the_share_of_theory_and_legends_list_what_occurs(sweeps):
+    shown = picture(sweeps / "steady", "fractions", select=["n_i=-0.1"])
+    whole = drawn(shown)
+    table = shown.table()
+    theory = [
+        line.get_ydata()
+        for axes in whole.axes
+        for line in axes.lines
+        if line.get_marker() == "^"
+    ]
+    # No steady spin is stable here, so the triangles are at zero.
+    assert len(theory) == 2
+    assert np.array_equal(np.ravel(theory), np.zeros(8))
+    assert not table["fraction_bondi"].any()
+    words = legend_words(whole)
+    for name, mark in PLAIN.items():
+        assert (mark.label in words) == table[f"fraction_{name}"].any()
+    assert len(words) < len(PLAIN)
 
 
 def test_times_are_the_means_and_the_theory_is_dashed(sweeps):
@@ -660,6 +696,70 @@ def test_an_envelope_keeps_every_extreme_and_the_turn():
     # The band is narrow within the turn: it shows that the curve went there and back.
     assert high[inside].max() < -0.85
     assert high.max() == pytest.approx(1.1, abs=1e-3)
+
+
+# A run that wobbles: its oscillation grows without a beat up to t = 14,200.
+WOBBLING = rs.Rattleback(5.821, 1.668, 5.489, 0.7594, 0.06514, np.radians(-0.4693))
+WOBBLE = {"n_i": -0.2, "omega_xy0": 0.001}
+
+
+def test_the_envelope_of_a_wobble_has_no_beats():
+    run = prepare_launch(WOBBLING, **WOBBLE, t_end=14_000)
+    course = onerun.course_of_figure(run, ["omega_x"], None)
+    low, high = onerun.draw(course.columns(), course).axes[0].lines[:2]
+    # After a twentieth of the time nothing is left of the other mode.
+    grown = high.get_ydata()[high.get_xdata() > 700]
+    assert np.all(np.diff(grown) > -2e-3 * grown[1:])
+    steps = rs.trajectory(
+        WOBBLING, **WOBBLE, t_end=14_000, channels=["t", "omega_x"], steps=True
+    ).table
+    for time in (1_000, 4_000, 7_000, 10_000, 13_900):
+        (largest,) = np.interp([time], *high.get_data())
+        seen = steps.omega_x[(steps.t - time).abs() < 60].abs().max()
+        assert largest == pytest.approx(seen, rel=0.03)
+        assert np.interp(time, *low.get_data()) == pytest.approx(-largest, rel=0.02)
+
+
+@pytest.mark.parametrize("periods", [40, 200, 330, 637, 900, 1010, 6711])
+def test_an_envelope_neither_beats_nor_aliases(periods):
+    t = np.linspace(0, 1, 24 * max(periods, 1000) + 1)
+    found = envelope(t, np.exp(t) * np.sin(2 * np.pi * periods * t))
+    if periods == 40:
+        assert found is None
+    else:
+        assert found.high == pytest.approx(np.exp(found.t), rel=0.03)
+        assert found.low == pytest.approx(-np.exp(found.t), rel=0.03)
+
+
+def test_rows_of_a_very_long_run_do_not_beat_with_it(monkeypatch):
+    monkeypatch.setattr(onerun, "_MOST", 2001)
+    run = prepare_launch("GH", n_i=0.1, omega_xy0=0.01, t_end=1e5)
+    times = onerun.course_of_figure(run, None, 1e4).times
+    assert (times[0], times[-1], len(times)) == (1e4, 1e5, 2001)
+    assert (np.diff(times) > 0).all()
+    # An oscillation of the mean distance of rows.
+    assert np.ptp(np.sin(2 * np.pi * times / np.diff(times).mean())[:100]) > 1.9
+
+
+def test_what_is_conserved_is_not_magnified():
+    launch = {"n_i": "60 rpm", "omega_xy0": "6 rpm", "t_end": "3 s"}
+    run = rs.trajectory("KL", **launch, channels=["t", "energy", "energy_drift"])
+    energy, drift = run.plot().axes
+    low, high = energy.get_ylim()
+    value = run["energy_J"].mean()
+    assert high - low == pytest.approx(1.2e-6 * value)
+    assert low < value < high
+    ticks = [tick.get_text() for tick in energy.get_yticklabels()]
+    assert ticks == ["−5e−7 of it", f"{value:.6g}", "+5e−7 of it"]
+    spread = np.ptp(run["energy_J"]) / value
+    part = float(energy.get_ylabel().split()[-3].replace("−", "-"))
+    assert "varies by" in energy.get_ylabel()
+    assert part == pytest.approx(spread, rel=0.5)
+    # The error itself is shown as it is.
+    assert np.ptp(drift.get_ylim()) < 3 * np.ptp(run["energy_drift"])
+    # A range above the least one is shown, too.
+    lossy = rs.trajectory("KL", **launch, sigma="1e-6 N m s", channels=["t", "energy"])
+    assert np.ptp(lossy.plot().axes[0].get_ylim()) < 2 * np.ptp(lossy["energy_J"])
 
 
 @pytest.mark.slow

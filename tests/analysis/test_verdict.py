@@ -177,6 +177,17 @@ def test_what_is_not_sure():
     assert list(table["sure"]) == [False, False, True]
 
 
+def test_a_launch_that_fails_is_not_sure():
+    fails = "fails (step_too_small)"
+    never = (np.nan, np.nan, np.nan)
+    runs = rows_of([fails, fails, "stops"], times=never).drop(columns="sure")
+    tighter = rows_of([fails, "stops", fails], times=never)
+    assert not judged(runs, tighter, 1e-9)["sure"].any()
+    # What a stone can do is no mistake of the integration.
+    real = rows_of(["rolls past its rim", "jams", "lifts off"], times=never)
+    assert judged(real.drop(columns="sure"), real, 1e-9)["sure"].all()
+
+
 def test_the_command(tmp_path):
     stone = ROOT / "configs" / "fit" / "stone.yaml"
     launch = ("--spin", "60rpm", "--t-end", "10s")

@@ -46,6 +46,15 @@ def test_the_pages_are_current_and_old_ones_are_told(
     assert "run python docs/make_reference.py" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", ["--help", "--chekc"])
+def test_help_and_wrong_options_write_no_page(make, option, tmp_path, monkeypatch):
+    monkeypatch.setattr(make, "DOCS", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["make_reference.py", option])
+    with pytest.raises(SystemExit):
+        make.main()
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_page_on_calls_has_every_public_name():
     """Each name of `rs` is in its table or in its list of docstrings."""
     text = (ROOT / "docs" / "api.md").read_text()

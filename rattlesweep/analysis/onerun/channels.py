@@ -190,6 +190,7 @@ class Channel:
     of: Callable[[View], Floats]
     needs: str = ""  # "attitude" or "reduced" if these must be integrated, too
     size: float = 1.0  # of the unit, in the units of the body
+    conserved: tuple[str, ...] = ()  # the models that keep it where nothing dissipates
 
     def __reduce__(self) -> tuple[Callable[..., Channel], tuple[object, ...]]:
         # Formulas cannot be pickled, but are found again by the name of their channel.
@@ -227,7 +228,12 @@ def _channels() -> Iterator[Channel]:
         lambda view: view.vectors[1],
     )
     yield Channel(
-        "energy", ENERGY, "energy", BOTH, lambda view: view.observed[1] + view.work
+        "energy",
+        ENERGY,
+        "energy",
+        BOTH,
+        lambda view: view.observed[1] + view.work,
+        conserved=BOTH,
     )
     yield Channel(
         "energy_drift",
@@ -263,6 +269,7 @@ def _channels() -> Iterator[Channel]:
         "Casimir invariant ln(E_p)/K_p + ln(E_r)/K_r",
         BOTH,
         lambda view: view.casimir,
+        conserved=("reduced",),
     )
     yield from _components(
         "contact_x contact_y contact_z",

@@ -17,12 +17,12 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.files import as_path
 from rattlesweep.text import counted
 
-# Points in a period of the pitch, and the fewest and the most in all.
+# Rows in a period of the pitch, and the fewest and the most in all.
 _PER_PERIOD = 24
 _LEAST = 2001
 _MOST = 400_001
 PALE = "#e4e2dc"  # of the times at which the body slides
-_MARKS = 12  # turns to mark; if there are more, only the first is marked
+_MARKS = 12  # reversals to mark; if there are more, only the first is marked
 _MODELS = {"full": "full dynamics", "reduced": "reduced model"}
 _BESIDE = {
     "n_gh": ("Garcia and Hubbard", INK, "--"),
@@ -31,6 +31,10 @@ _BESIDE = {
 SENSES = {True: ("rising", BLUE), False: ("falling", VERMILION)}
 POINT_SIZES = (0.7, 3.0)  # points; the more there are, the smaller
 DPI_OF_POINTS = 300.0
+# The least range of an axis of a conserved channel, in parts of its value and of its
+# error.
+_LEAST_RANGE = 1e-6
+_ERRORS_SHOWN = 10.0
 _SHOWN = {"full": ("n", "omega_x", "omega_y"), "reduced": ("n", "E_p", "E_r")}
 
 
@@ -46,8 +50,17 @@ def course_of_figure(
             names.append("n_gh")
         if run.model == "full" and run.energies != (None, None):
             names.append("n_reduced")
-    points = run.even_rows(_PER_PERIOD, _LEAST, _MOST, start)
-    return Course(run, names, points=points, from_time=start)
+    rows = run.even_rows(_PER_PERIOD, _LEAST, _MOST, start)
+    if rows < _MOST:
+        return Course(run, names, points=rows, from_time=start)
+    # Rows at equal distances of almost a period would show a beat that is not there.
+    # Each of these is anywhere in its own part of the time.
+    begin = start or 0.0
+    anywhere = np.random.default_rng(0).random(rows - 2)
+    places = np.concatenate(([0.0], np.arange(rows - 2) + anywhere, [rows - 2]))
+    times = begin + (run.t_end - begin) * (places / (rows - 2))
+    times[-1] = run.t_end
+    return Course(run, names, times=times, from_time=start)
 
 
 def draw_section(
@@ -147,26 +160,41 @@ def draw(
     if "n" in data:
         beside = [name for name in _BESIDE if name in data]
     panels = [name for name in data if name != "t" and name not in beside]
-    turns = [time * second for time in course.reversals if time * second >= t[0]]
-    marked = turns[:1] if len(turns) > _MARKS else turns
+    reversals = [time * second for time in course.reversals if time * second >= t[0]]
+    marked = reversals[:1] if len(reversals) > _MARKS else reversals
     slides = [
         (begin * second, (end - begin) * second)
         for begin, end in course.slides
         if end * second >= t[0]
     ]
+    run = course.run
     with style.styled():
         figure = style.new_figure(7.2, 1.1 + 1.85 * len(panels))
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axis, name in zip(axes, panels, strict=True):
             axis.set_ylabel(style.label(name, units[name]))
-            curve(axis, t, data[name], label=_MODELS[course.run.model])
+            curve(axis, t, data[name], label=_MODELS[run.model])
             style.light_grid(axis)
+            if CHANNELS[name].conserved:
+                is_kept = run.model in CHANNELS[name].conserved and not run.losses
+                _widen(axis, data[name], is_kept)
+            if not np.isfinite(data[name]).any():
+                axis.text(
+                    0.5,
+                    0.6,
+                    "no finite value",
+                    horizontalalignment="center",
+                    transform=axis.transAxes,
+                )
+                axis.set_yticks([])
             if name == "n":
                 for theory in beside:
                     label, colour, dash = _BESIDE[theory]
                     curve(axis, t, data[theory], colour, label=label, linestyle=dash)
                 low, high = axis.get_ylim()
-                axis.set_ylim(low, high + 0.25 * (high - low))  # room for the legend
+                # Room for the legend, which has two entries in a row.
+                rows = (1 + len(beside) + bool(reversals) + bool(slides) + 1) // 2
+                axis.set_ylim(low, high + (0.05 + 0.15 * rows) * (high - low))
             if slides:
                 across = axis.get_xaxis_transform()
                 axis.broken_barh(slides, (0, 1), transform=across, color=PALE, zorder=0)
@@ -175,9 +203,11 @@ def draw(
             low, high = axis.get_ylim()
             if low <= 0 <= high:
                 axis.axhline(0, color=GREY, linewidth=0.7, zorder=1)
-        if turns:
-            count = "turn" if len(turns) == 1 else f"{len(turns)} turns, the first"
-            label = f"{count} at {turns[0]:.6g}"
+        if reversals:
+            label = counted(len(reversals), "reversal")
+            if len(reversals) > 1:
+                label += ", the first"
+            label += f" at {reversals[0]:.6g}"
             if "t" in course.si:
                 label += " s"
             axes[0].plot([], [], color=GREY, linestyle=":", label=label)
@@ -188,5 +218,37 @@ def draw(
         )
         axes[-1].set(xlim=(t[0], t[-1]), xlabel=style.label("t", units["t"]))
         figure.align_ylabels(axes)
-        figure.suptitle(course.run.title.replace("; ", "\n"), fontsize=9)
+        figure.suptitle(run.title.replace("; ", "\n"), fontsize=9)
         return shown(figure, path)
+
+
+def _widen(axis: Axes, values: Floats, is_kept: bool) -> None:
+    """Give an axis of a channel that hardly varies a range that does not magnify it.
+
+    What varies of a value that `is_kept` is the error of the method.
+    """
+    finite = values[np.isfinite(values)]
+    size = np.abs(finite).max(initial=0.0)
+    if size == 0:
+        return
+    part = np.ptp(finite) / size
+    least = _LEAST_RANGE
+    if is_kept:
+        least = max(least, _ERRORS_SHOWN * part)
+    if part >= least:
+        return
+    middle = (finite.min() + finite.max()) / 2
+    half = size * least / 2
+    end = _part_in_words(least / 2)
+    axis.set_ylim(middle - 1.2 * half, middle + 1.2 * half)
+    axis.set_yticks(
+        [middle - half, middle, middle + half],
+        [f"−{end}", f"{middle:.6g}".replace("-", "−"), f"+{end}"],
+    )
+    axis.set_ylabel(f"{axis.get_ylabel()}\nvaries by {_part_in_words(part)}")
+
+
+def _part_in_words(part: float) -> str:
+    """Return a part of a value, such as ``5e−7 of it``."""
+    digit, power = f"{part:.0e}".split("e")
+    return f"{digit}e{int(power)} of it".replace("-", "−")

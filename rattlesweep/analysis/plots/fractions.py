@@ -29,7 +29,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.intervals import share, wilson
 
 _FEW = 6  # with fewer values than this, each value of an abscissa has a tick
-_BEYOND = "beyond Bondi's threshold"
+_STABLE = "stable by Bondi's threshold"
 
 
 class BinnedFractions(Picture):
@@ -130,7 +130,7 @@ class BinnedFractions(Picture):
                 hatch=mark.hatch,
                 linewidth=0,
             )
-            if len(bars):
+            if fraction.any():
                 entries[mark.label] = bars[0]
                 bars[0].set_label(mark.label)
             below = below + fraction
@@ -164,22 +164,27 @@ class Fractions(Picture):
         cells = self.counted[0]
         bondi = self.grid(share(cells["bondi"], cells["steady"]))
         entries: dict[str, Handle] = {}
+        names = [name for name in TYPE_STYLE if name in cells.types]
+        has_bondi = bool(np.isfinite(bondi).any())
+        if has_bondi and "SS" in names:
+            # Where theory is right, its share ends at the border of steady spinning.
+            names.remove("SS")
+            names.insert(0, "SS")
         for axes, place in panels:
-            self._stack(axes, place, entries)
-            if np.isfinite(bondi).any():
-                # Measured from the top, where steady spinning is stacked.
+            self._stack(axes, place, names, entries)
+            if has_bondi:
                 [triangles] = axes.plot(
                     x.values,
-                    1 - within(bondi, place),
+                    within(bondi, place),
                     "k^",
-                    label=_BEYOND,
+                    label=_STABLE,
                     clip_on=False,
                     markersize=4,
                     markeredgecolor="white",
                     markeredgewidth=0.5,
                     zorder=5,
                 )
-                entries[_BEYOND] = triangles
+                entries[_STABLE] = triangles
             scale(axes, "x", x, log)
             if len(x.values) < _FEW:
                 _tick_each(axes, x)
@@ -189,26 +194,32 @@ class Fractions(Picture):
         self.notes.append(
             "Fractions of the runs with status ok, with 95 % intervals (Wilson)."
         )
-        if _BEYOND in entries:
+        if has_bondi:
             self.notes.append(
-                "The fraction above a triangle is that of the bodies whose steady "
+                "The height of a triangle is the fraction of the bodies whose steady "
                 "spin theory finds stable: |n_c1| < |n_i|."
             )
         return list(entries.values())
 
     def _stack(
-        self, axes: Axes, place: tuple[int, ...], entries: dict[str, Handle]
+        self,
+        axes: Axes,
+        place: tuple[int, ...],
+        names: list[str],
+        entries: dict[str, Handle],
     ) -> None:
-        """Draw the types of one panel, and note their legend entries."""
+        """Draw the types of one panel from below, and note their legend entries."""
         x = self.axes[0]
         cells = self.counted[0]
         ok = within(self.grid(cells["ok"]), place)
         count = np.zeros(len(x.values))
-        for name, mark in TYPE_STYLE.items():
-            if name not in cells.types:
+        for name in names:
+            mark = TYPE_STYLE[name]
+            its = within(self.grid(cells.types[name]), place)
+            if not its.any():
                 continue
             below = share(count, ok)
-            count = count + within(self.grid(cells.types[name]), place)
+            count = count + its
             above = share(count, ok)
             for places, edges in x.stretches:
                 entries[mark.label] = axes.stairs(

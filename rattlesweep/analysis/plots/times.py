@@ -99,8 +99,14 @@ class Times(Picture):
                 axes.set_ylim(0, 1.08 * float(highest))
         self._label(len(looks))
         handles = []
+        shown = curves.mean
+        if not self.is_relative:
+            # Where nothing reverses, the theory still has a curve.
+            shown = np.fmax(curves.mean, curves.theory)
         if curve_axes:
             for look in looks:
+                if not np.isfinite(shown[:, look.place]).any():
+                    continue
                 name = texts(curve_axes, [look.place])
                 handles.append(
                     style.entry(

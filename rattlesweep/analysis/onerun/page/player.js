@@ -121,7 +121,7 @@
     write(get("t"), fixed(state.t * second, places));
     write(get("n"), fixed(n * turn, spinPlaces));
     const unsteady = n * -b.xi > 0;
-    write(get("way"), `${n > 0 ? "counter-clockwise" : "clockwise"}, the `
+    write(get("way"), `${n > 0 ? "counterclockwise" : "clockwise"}, the `
       + `${unsteady ? "unsteady" : "steady"} direction`);
     const pitch = Math.max(0, y[at.E_p]) / D.energy, roll = Math.max(0, y[at.E_r]) / D.energy;
     const left = D.lossy ? y[at.energy] / D.energy : 1;
