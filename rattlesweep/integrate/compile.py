@@ -115,6 +115,14 @@ def program_hash() -> str:
     return _hash(_sources(PACKAGE))
 
 
+def processor() -> str:
+    """Return the type of processor for which kernels are compiled."""
+    from llvmlite import binding
+    from numba import config
+
+    return str(config.CPU_NAME or binding.get_host_cpu_name())
+
+
 @cache
 def source_hash() -> str:
     """Return a hash of the kernels' sources, their folder, versions and processor."""
@@ -124,11 +132,10 @@ def source_hash() -> str:
     from numba import config
 
     files = _sources(PACKAGE / "integrate") | _sources(PACKAGE / "physics")
-    name = config.CPU_NAME or binding.get_host_cpu_name()
     features = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()
     versions = sys.version, numba.__version__, llvmlite.__version__
     settings = [(key, repr(getattr(config, key, None))) for key in NUMBA_SETTINGS]
-    return _hash(files, str(PACKAGE), *versions, name, features, settings)
+    return _hash(files, str(PACKAGE), *versions, processor(), features, settings)
 
 
 def is_private(folder: Path) -> bool:

@@ -226,7 +226,10 @@ def rolling_parts(contact, y, inertia, shape, loss):
     inverse = 1.0 / dot(e, j)
     is_held = sense == 0.0
     held = (dot(e, rates) + turn * scale) * inverse if is_held else 0.0
-    grip = -resistance * dot(e, rolled) * inverse if is_held else -lever * sense
+    # The sense of a held spin is zero.  Were the lever read under a condition, code for
+    # AVX2 would mask the load.
+    grip = -lever * sense
+    grip += -resistance * dot(e, rolled) * inverse if is_held else 0.0
     lift = dot(g, j)
     above = root * scale + dot(g, rates) - sink * scale - held * lift
     normal = above / (root * scale + resistance * dot(g, rolled) + grip * lift)

@@ -32,11 +32,6 @@ def config_of(losses=None, **keys):
     return parse_config(BASE | keys | {"dissipation": losses or {}})
 
 
-def plan_of_rows(rows, **keys):
-    config = parse_config({"bodies": {"source": "table", "path": "rows"}} | keys)
-    return make_plan(config, rows=frame_bodies(rows))
-
-
 def test_without_it_nothing_changes():
     plain = config_of()
     assert physics_hash(config_of({"mu": None})) == physics_hash(plain)
@@ -67,34 +62,11 @@ def test_several_values_are_cases_beside_those_of_other_losses():
     assert physics_hash(config) != physics_hash(config_of({"rolling": 0.001}))
 
 
-def test_a_table_may_have_it():
-    plan = plan_of_rows(ROWS)
-    assert plan.config.dissipation.values["mu"] == ["table"]
-    assert plan.source.bodies(float("nan"), plan.targets[:0].astype(int)).losses
-    shared = plan_of_rows(ROWS.assign(mu=0.3))
-    assert [case.value("mu") for case in shared.cases] == [0.3]
-
-
-@pytest.mark.parametrize(
-    ("rows", "keys", "message"),
-    [
-        (ROWS.assign(mu=[0, 0.1]), {}, "row 1: mu is 0; it must be positive"),
-        (ROWS.assign(mu=[0.1, None]), {}, "row 2: mu is empty"),
-        (
-            ROWS,
-            {"dissipation": {"mu": [0.1, 0.2]}},
-            "dissipation.mu: there are several",
-        ),
-        (
-            ROWS.drop(columns="mu"),
-            {"dissipation": {"mu": "table"}},
-            "dissipation.mu: the table has no column mu; give a number",
-        ),
-    ],
-)
-def test_a_bad_table_is_refused(rows, keys, message):
-    with pytest.raises(rs.ConfigError, match=message):
-        plan_of_rows(rows, **keys)
+def test_a_table_without_friction_is_refused():
+    """A coefficient of zero is no limit of rolling."""
+    config = parse_config({"bodies": {"source": "table", "path": "rows"}})
+    with pytest.raises(rs.ConfigError, match="row 1: mu is 0; it must be positive"):
+        make_plan(config, rows=frame_bodies(ROWS.assign(mu=[0, 0.1])))
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Runs that slide against those of an independent program, `slide_oracle`."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import kernels
 import numpy as np
 import pytest
 
+import rattlesweep as rs
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import SLIDING
 from rattlesweep.integrate.status import Status
@@ -77,6 +79,46 @@ def test_runs_are_those_of_the_oracle(model):
             assert np.isnan(out.t_slide[k])
         assert out.slide_time[k] == pytest.approx(result["slide_time"], abs=1e-7)
         assert out.slide_work[k] == pytest.approx(result["slide_work"], abs=2e-9)
+
+
+ELLIPSOIDS = [
+    case
+    for case in CASES
+    if case["body"]["c"] is not None and case["result"]["status"] == "ok"
+]
+
+
+def test_ellipsoids_in_the_kernel_of_all_laws():
+    """A lever of zero beside another is followed like others, and changes nothing.
+
+    So one kernel, which test_invariance has too, serves for all cases.
+    """
+    assert len(ELLIPSOIDS) >= 12
+    for case in ELLIPSOIDS:
+        result = case["result"]
+        out = rs.simulate(
+            rs.Rattleback(**case["body"]),
+            n_i=case["n_i"],
+            omega_xy0=case["omega_xy0"],
+            psi=math.degrees(case["psi"]),
+            t_end=case["t_end"],
+            mu=case["mu"],
+            sigma=case["sigma"],
+            pivot=[0.0, 1e-3],
+            tol=1e-9,
+        )
+        run = out.iloc[0]
+        assert run.status == "ok"
+        assert run.n_slides == result["n_slides"]
+        t_r = np.nan if result["t_r"] is None else result["t_r"]
+        assert run.t_r == pytest.approx(t_r, rel=3e-10, nan_ok=True)
+        assert run.t_end == pytest.approx(result["t_end"], rel=3e-10)
+        t_slide = np.nan if result["t_slide"] is None else result["t_slide"]
+        assert run.t_slide == pytest.approx(t_slide, abs=1e-7, nan_ok=True)
+        assert run.slide_time == pytest.approx(result["slide_time"], abs=1e-7)
+        assert run.slide_work == pytest.approx(result["slide_work"], abs=2e-9)
+        # Its torque is felt where there is a lever.
+        assert out.iloc[1].pivot_work > 1e-3
 
 
 @pytest.mark.parametrize(("tol", "error"), [(1e-9, 2e-9), (1e-11, 2e-11)])

@@ -9,11 +9,13 @@ from functools import cache
 
 import kernels
 import pytest
-from numba import float64, typeof
+from numba import float64, njit, typeof
 
 from rattlesweep.integrate.lanes import kernel, looks, runs, tangents
+from rattlesweep.integrate.lanes.lane import INNER, lane_of
 from rattlesweep.integrate.model import MODELS, TANGENT
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics.full import FASTMATH
 
 pytestmark = pytest.mark.skipif(
     platform.machine() not in ("x86_64", "AMD64"), reason="reads x86 assembly"
@@ -49,6 +51,14 @@ PIECES = {
     "observe_contact": (looks.observe_contact, (float64[::1],)),
     "observe_spin": (looks.observe_spin, (float64[::1],)),
 }
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def rates(problem, w):
+    """Compute the right-hand side at the start of the step of every lane."""
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        lane.f = problem.model.rhs(lane.y, lane.constants)
 
 
 @cache
@@ -89,6 +99,24 @@ def assert_vectorised(text):
     # The widest registers are used.
     if re.search(r"^\s+v\w+pd\s", text, re.M):
         assert re.search(r"%[yz]mm", text)
+
+
+def models_that_roll():
+    """Return the models but those with slides, which have the same right-hand side.
+
+    All are tried with code for AVX2 by `.ci/run`; quick is the one with most couples.
+    """
+    for model in MODELS:
+        if not model.endswith("sliding"):
+            marks = [] if model == "full_rolling_pivoting" else [pytest.mark.slow]
+            yield pytest.param(model, marks=marks)
+
+
+@pytest.mark.parametrize("model", models_that_roll())
+def test_rates_are_vectorised(model):
+    """The right-hand side alone: it compiles in a fraction of a step's time."""
+    problem = typeof(kernels.problem("dop853", model))
+    assert_vectorised(assembly(rates, (problem, float64[::1])))
 
 
 @kinds

@@ -100,7 +100,11 @@ def test_contact_that_no_real_body_keeps_is_said():
 
 
 @pytest.mark.parametrize(
-    ("n_i", "t_end", "method"), [(0.4, 150, "dop853"), (-0.3, 130, "verner98")]
+    ("n_i", "t_end", "method"),
+    [
+        (0.4, 150, "dop853"),
+        pytest.param(-0.3, 130, "verner98", marks=pytest.mark.slow),
+    ],
 )
 def test_friction_between_steps_counts_for_the_warning(n_i, t_end, method):
     """As dense rows show, and as `record: [contact]` has it."""

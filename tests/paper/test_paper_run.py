@@ -69,6 +69,7 @@ def test_the_sweeps_are_those_of_the_shipped_configs(name):
     assert quick | {"bodies": 0} == theirs | {"bodies": 0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("figure", "sweep", "name"),
     [("fig6", "unsteady", "K_p"), ("fig8", "steady", "K_r")],
@@ -91,6 +92,7 @@ def test_points_of_figs_6_and_8_are_means_of_the_stored_runs(made, figure, sweep
     np.testing.assert_allclose(points["t_rgh_line"], line, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_fractions_of_fig_7_are_counts_of_the_stored_runs(made):
     runs = made.steady
     points = made.table("fig7_fractions")
@@ -111,6 +113,7 @@ def test_fractions_of_fig_7_are_counts_of_the_stored_runs(made):
     np.testing.assert_array_equal(both, points["SS"] - points["ss_only"])
 
 
+@pytest.mark.slow
 def test_every_claim_of_the_sweeps_is_in_the_tables(made):
     ids = [claim["id"] for claim in made.claims]
     assert ids == ["U1", "U2", "S1", "S2", "S3", "S4", "S5", "S6", "S7", "S8", "S9b"]
@@ -131,6 +134,7 @@ def words_of(html):
     return unescape(re.sub(r"<[^>]*>", "", html))
 
 
+@pytest.mark.slow
 def test_the_report_is_one_file_that_asks_for_nothing(made):
     html = (made.directory / "report.html").read_text()
     assert len(html) < 5_000_000
@@ -143,6 +147,7 @@ def test_the_report_is_one_file_that_asks_for_nothing(made):
         assert text in words_of(html)
 
 
+@pytest.mark.slow
 @needs_browser
 def test_the_report_fits_and_can_be_read(made, chromium):
     check_page(chromium, made.directory / "report.html")

@@ -10,7 +10,7 @@ import errno
 import re
 import shutil
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -196,9 +196,19 @@ def fails(done: Ended) -> bool:
     return done.code == 0 or (done.code == 1 and done.sentence)
 
 
-@pytest.mark.parametrize("stride", [90, pytest.param(1, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO], ids=errno.errorcode.get)
-@pytest.mark.parametrize("name", SCENES)
+def every_fault() -> Iterator[Any]:
+    """Return strides, errors and scenes; quick are one error a scene, in turn."""
+    numbers = errno.ENOSPC, errno.EIO
+    for place, name in enumerate(SCENES):
+        for number in numbers:
+            label = f"{name}-{errno.errorcode[number]}"
+            is_quick = number == numbers[place % 2]
+            marks = [] if is_quick else [pytest.mark.slow]
+            yield pytest.param(90, number, name, marks=marks, id=f"{label}-90")
+            yield pytest.param(1, number, name, marks=pytest.mark.slow, id=f"{label}-1")
+
+
+@pytest.mark.parametrize(("stride", "number", "name"), every_fault())
 def test_faults_at_every_call(name, number, stride, tmp_path):
     # A full disk stays full, but an I/O error may happen once and anywhere.
     kinds = MAY_FAIL[number]

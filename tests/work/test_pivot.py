@@ -1,13 +1,10 @@
-"""Runs with `dissipation.pivot`, in every way to ask for them."""
+"""Runs with `dissipation.pivot`; every way to ask for them is in `test_losses`."""
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import rattlesweep as rs
-from rattlesweep.cli import main
 
-COLUMNS = ["t_held", "held_time", "pivot_work"]
 LAUNCH = {"n_i": -0.1, "omega_xy0": 0.01}
 CONFIG = {
     "bodies": {"source": "preset", "name": "GH"},
@@ -61,28 +58,6 @@ def test_types_follow_from_stored_columns(sweep):
     sweep.classify()
 
 
-def test_every_way_gives_the_same_rows(sweep, tmp_path):
-    runs = sweep.read()
-    levers = CONFIG["dissipation"]["pivot"]
-    at_once = rs.simulate("GH", **LAUNCH, t_end=900, pivot=levers, threads=1)
-    for name in ("t_r", "n_end", "energy_left", "type", *COLUMNS):
-        assert at_once[name].equals(runs[name]), name
-    table = runs[["alpha", "beta", "gamma", "theta", "phi", "xi", *LAUNCH, "pivot"]]
-    settings = {"horizon": {"t": 900}, "threads": 1}
-    rows = rs.sweep(table, output=str(tmp_path / "table"), **settings).read()
-    assert rows[COLUMNS].equals(runs[COLUMNS])
-
-
-def test_a_sweep_grows_with_equal_rows(sweep, tmp_path):
-    output = str(tmp_path / "grown")
-    for levers in ([0.002], [0.002, 0.0005, 0.006]):
-        config = CONFIG | {"dissipation": {"pivot": levers}, "output": output}
-        rows = rs.sweep(config).read()
-    rows = rows.sort_values("pivot", ignore_index=True)
-    names = ["n_steps", "n_end", "t_end", "energy_drift", *COLUMNS]
-    assert rows[names].equals(sweep.read()[names])
-
-
 def test_mirrored_bodies_do_the_same(sweep):
     gh = rs.Rattleback.gh()
     body = {
@@ -106,22 +81,9 @@ def test_an_upright_spin_dies(n_i):
     assert run.n_end == 0
 
 
-def test_without_it_nothing_changes():
-    plain = rs.simulate("GH", n_i=0.1, omega_xy0=0.01)
-    assert rs.simulate("GH", n_i=0.1, omega_xy0=0.01, pivot=0).to_dict() == (
-        plain.to_dict()
-    )
-    # The change of t_r is of order one.
+def test_the_change_of_reversal_times_is_of_order_one():
     levers = np.array([1e-7, 1e-6])
     t_r = rs.simulate("GH", n_i=0.1, omega_xy0=0.01, pivot=levers, tol=1e-12).t_r
     exact = rs.simulate("GH", n_i=0.1, omega_xy0=0.01, tol=1e-12).t_r
     slopes = (t_r - exact) / levers
     assert slopes[0] == pytest.approx(slopes[1], rel=1e-3)
-
-
-def test_bad_levers_are_refused():
-    launch = ["--preset", "GH", "--n-i", "0.3", "--omega-xy0", "0.1", "--t-end", "60"]
-    for lever in ("-1", "2", "much", "16 um"):
-        result = CliRunner().invoke(main, ["trajectory", *launch, "--pivot", lever])
-        assert result.exit_code == 2, result.output
-        assert "pivot" in result.output

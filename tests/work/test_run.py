@@ -60,7 +60,25 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return output
 
 
-@pytest.mark.parametrize("name", SMALL)
+# The others differ from these in ranges.
+QUICK = {"gh.yaml", "quickstart.yaml", "reversals.yaml"}
+
+
+@pytest.mark.parametrize("name", [p.name for p in sweeping.CONFIGS.glob("*.yaml")])
+def test_shipped_configs_can_be_planned(name):
+    plan = plan_of(name)
+    assert plan.cases
+    if name in SMALL:
+        assert len(plan_of(name, *SMALL[name]).cases) <= len(plan.cases)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow])
+        for name in SMALL
+    ],
+)
 def test_shipped_configs_run_and_leave_what_the_contract_says(name, tmp_path):
     output = tmp_path / "out"
     result = run(name, output, *SMALL[name])

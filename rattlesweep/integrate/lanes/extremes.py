@@ -94,9 +94,15 @@ def turn_tried(lane):
 @scalar
 def least_turn(lane):
     """Return the modulus that the spin must exceed to be the largest of its turn."""
+    # All are read before any is chosen: a load under a condition would be masked, which
+    # is slow with AVX2.
+    pending = lane.t_pending
+    reversals = lane.reversals
+    far = lane.far
+    after = lane.n_after
     # Between a zero and the next turn, only what is far can be of a turn.
-    after = lane.far if lane.t_pending >= 0.0 else lane.n_after
-    may_turn = (lane.reversals > 0.0) | (lane.t_pending >= 0.0)
+    after = far if pending >= 0.0 else after
+    may_turn = (reversals > 0.0) | (pending >= 0.0)
     return after if may_turn else NEVER
 
 

@@ -1048,12 +1048,6 @@ def launch(lane):
 @njit(**INNER)
 def advance(problem, w):
     """Move the slip of all lanes to the end of their step."""
-    some = 0
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        some += 1 if (lane.slip.speed > 0.0) | (lane.slip1.speed > 0.0) else 0
-    if some == 0:
-        return
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         slip = lane.slip1
