@@ -54,6 +54,10 @@ class GoneError(OutputError):
     """A file is gone, as one that was merged with others while they were read."""
 
 
+class TwiceError(OutputError):
+    """A run is stored twice, in two files."""
+
+
 class DamagedError(OutputError):
     """A file is cut short, changed, or not written by this program."""
 

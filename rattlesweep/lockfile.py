@@ -1,9 +1,11 @@
 """A lock that one process holds at a time, and that ends with it, however that ends.
 
-It is the system's lock of a file.  Some file systems of clusters have none.  There, a
-note beside the file says who holds the lock, and its holder touches the note every
-second.  A holder that has been silent for :data:`SILENCE` seconds is taken for dead,
-and the next process takes its place.
+It has two parts.  One is the system's lock of a file.  Some file systems of clusters
+have none, and some have locks that only processes of one machine see.  So a note beside
+the file says who holds the lock, and its holder touches the note every second.  Who
+wants the lock needs both.  A note is of a dead process if nobody touches it while the
+next one watches it for :data:`SILENCE` seconds of its own clock, since clocks of
+machines differ.
 
 A name in the folder may be a link to a file of others, so links are not followed, and
 no file is truncated or written to: notes are new files.
@@ -54,21 +56,31 @@ class Holder(NamedTuple):
     pid: int
     since: str
     token: str
+    system: str = ""  # in which the process has its number
 
     def __str__(self) -> str:
         return f"process {self.pid} on {self.host}, since {self.since[:19]} UTC"
 
 
+class Sight(NamedTuple):
+    """What a look at a note shows: its text and when it was touched, in ns."""
+
+    text: bytes
+    touched: int
+
+
 class LockFile:
     """A lock between processes, and between objects of one process."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, settles: bool = True) -> None:
+        """`settles` is False for a hold of a moment, which several may have at once."""
         self._path = path
+        self._settles = settles
         self._note = path.with_name(f"{path.name}.note")
         self._handle: int | None = None  # of the locked file
-        self._is_note = False  # whether the system has no locks here
         self._token = ""  # of the note of this object
         self._beating: threading.Event | None = None  # set to end the beat
+        self._may_be_dead = False  # whether only a note stands in the way
 
     def acquire(
         self,
@@ -78,15 +90,15 @@ class LockFile:
         """Take the lock, or return False if another holds it for `patience` seconds.
 
         `waiting` is called now and then with the seconds waited so far, and may raise.
-        Where the system has no locks, a holder that may be dead is waited for until
-        that is known.
+        A holder of a note that may be dead is waited for until that is known.
         """
         start = time.monotonic()
         delay = _POLL
-        first_touch = _touched(self._note)
+        first = look_at(self._note)
         while not self._try():
             waited = time.monotonic() - start
-            if waited >= patience and not self._may_be_dead(first_touch):
+            is_unknown = self._may_be_dead and look_at(self._note) == first is not None
+            if waited >= patience and not is_unknown:
                 return False
             waiting(waited)
             # Many may wait, and each at times of its own.
@@ -108,10 +120,14 @@ class LockFile:
         self._close()
 
     def is_lost(self) -> bool:
-        """Return whether another process has taken this one for dead."""
-        if self._beating is None:
+        """Return whether another process has taken this one for dead.
+
+        An OSError says that the note cannot be read.
+        """
+        if not self._token:
             return False
-        holder = read_note(self._note)
+        sight = look_at(self._note)
+        holder = None if sight is None else _holder(sight)
         return holder is None or holder.token != self._token
 
     def holder(self) -> Holder | None:
@@ -125,37 +141,43 @@ class LockFile:
 
     def _try(self) -> bool:
         """Take the lock if it is free."""
+        self._may_be_dead = False
         handle = _open_to_lock(self._path)
         self._handle = handle
+        is_locked = True
         try:
-            locked = lock(handle)
+            is_free = lock(handle)
         except OSError as error:
             self._close()
             if error.errno not in NO_LOCKS:
                 raise
-            self._is_note = True
-            return self._take_note()
-        # The file may have been removed meanwhile, so that others lock another one.
-        if not locked or not _is_at(handle, self._path):
+            is_locked = False
+        else:
+            # The file may have been removed meanwhile, so that others lock another one.
+            if not is_free or not _is_at(handle, self._path):
+                self._close()
+                return False
+        try:
+            is_taken = self._take_note()
+        except OSError:
+            # A full disk has no room for a note.
+            if not is_locked:
+                raise
+            is_taken = True
+        if not is_taken:
             self._close()
             return False
         _held.add(self)
-        # This note is for information only.
-        with contextlib.suppress(OSError):
-            self._note.unlink(missing_ok=True)
-            self._token = _write_note(self._note)
         return True
-
-    def _may_be_dead(self, first_touch: int) -> bool:
-        """Return whether the holder of a note has not been seen to touch it."""
-        return self._is_note and _touched(self._note) == first_touch != 0
 
     def _take_note(self) -> bool:
         """Hold the lock by a note that is touched again and again."""
         try:
             token = _write_note(self._note)
         except FileExistsError:
-            if not is_silent(self._note):
+            is_silent = silence(self._note) >= SILENCE
+            if not is_silent and not has_ended(read_note(self._note)):
+                self._may_be_dead = True
                 return False
             # Of several that do this at once, the last one succeeds.
             mine = self._note.with_name(
@@ -163,7 +185,8 @@ class LockFile:
             )
             token = _write_note(mine)
             os.replace(mine, self._note)
-            time.sleep(SETTLE)
+            if is_silent and self._settles:  # as others may see it, too
+                time.sleep(SETTLE)
             holder = read_note(self._note)
             if holder is None or holder.token != token:
                 return False
@@ -190,14 +213,25 @@ def is_held(path: Path) -> bool | None:
     try:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
             return None
-        return not lock(handle, shared=True)
+        if not lock(handle, shared=True):
+            return True
     except OSError as error:
         if error.errno not in NO_LOCKS:
             return None
-        note = path.with_name(f"{path.name}.note")
-        return _touched(note) != 0 and not is_silent(note)
     finally:
         os.close(handle)
+    # Others may have locks that this machine does not see.
+    note = path.with_name(f"{path.name}.note")
+    try:
+        sight = look_at(note)
+    except OSError:
+        return None
+    if sight is None or has_ended(_holder(sight)):
+        return False
+    age = _age(note, sight)
+    if age < -BEAT:
+        return None  # a clock was set, or is that of another machine
+    return age <= SILENCE
 
 
 if sys.platform == "win32":
@@ -250,52 +284,119 @@ def _is_at(handle: int, path: Path) -> bool:
         return False
 
 
+def _system() -> str:
+    """Return what is of all processes that know this one by its number; "" if unknown.
+
+    Names of hosts will not do: machines share them, and so do containers.
+    """
+    with contextlib.suppress(OSError):
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        return f"{boot} {os.readlink('/proc/self/ns/pid')}"
+    return ""
+
+
+def has_ended(holder: Holder | None) -> bool:
+    """Return whether the process that wrote a note is known to have ended."""
+    if holder is None or holder.pid <= 0 or not holder.system:
+        return False
+    if holder.system != _system():
+        return False
+    try:
+        os.kill(holder.pid, 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):  # a process of another user
+        return False
+    return False
+
+
 def _write_note(path: Path) -> str:
     """Write a new note, and return its token; a FileExistsError says that it exists."""
     token = secrets.token_hex(8)
     since = datetime.now(UTC).isoformat(timespec="seconds")
-    holder = Holder(socket.gethostname(), os.getpid(), since, token)
+    holder = Holder(socket.gethostname(), os.getpid(), since, token, _system())
     handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | AS_IT_IS, 0o666)
     try:
         os.write(handle, json.dumps(holder._asdict()).encode())
+    except OSError:
+        with contextlib.suppress(OSError):
+            path.unlink()
+        raise
     finally:
         os.close(handle)
     return token
 
 
-def read_note(path: Path) -> Holder | None:
-    """Return who wrote a note, None if it is missing or cannot be read."""
-    with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
-        handle = os.open(path, os.O_RDONLY | AS_IT_IS)
-        try:
-            values = json.loads(os.read(handle, _MOST_BYTES))
-        finally:
-            os.close(handle)
+def look_at(note: Path) -> Sight | None:
+    """Return what a note shows, None if there is none.
+
+    A link or a folder in its place shows nothing, and is never touched.
+    """
+    # Network file systems remember the times of files, but look again at an open.
+    try:
+        handle = os.open(note, os.O_RDONLY | AS_IT_IS)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        if error.errno == errno.ESTALE:  # it has just been removed
+            return None
+        if error.errno == errno.ELOOP:
+            return Sight(b"", 0)
+        raise
+    try:
+        about = os.fstat(handle)
+        if not stat.S_ISREG(about.st_mode):
+            return Sight(b"", 0)
+        return Sight(os.read(handle, _MOST_BYTES), about.st_mtime_ns)
+    finally:
+        os.close(handle)
+
+
+def _holder(sight: Sight) -> Holder | None:
+    """Return who wrote a note, None if that cannot be read."""
+    with contextlib.suppress(ValueError, TypeError, KeyError):
+        values = json.loads(sight.text)
         texts = (str(values[name])[:100] for name in ("host", "since", "token"))
         host, since, token = texts
-        return Holder(host, int(values["pid"]), since, token)
+        system = str(values.get("system", ""))
+        return Holder(host, int(values["pid"]), since, token, system)
     return None
 
 
-def _touched(note: Path) -> int:
-    """Return when a note was touched, in ns; 0 if there is none."""
-    # Network file systems remember the times of files, but look again at an open.
+def read_note(path: Path) -> Holder | None:
+    """Return who wrote a note, None if it is missing or cannot be read."""
     with contextlib.suppress(OSError):
-        handle = os.open(note, os.O_RDONLY | AS_IT_IS)
-        try:
-            return os.fstat(handle).st_mtime_ns
-        finally:
-            os.close(handle)
-    return 0
+        sight = look_at(path)
+        if sight is not None:
+            return _holder(sight)
+    return None
 
 
-def is_silent(note: Path) -> bool:
-    """Return whether the holder of a note has been silent for too long."""
+# Notes that this process watches: what they showed, and since when.
+_watched: dict[Path, tuple[Sight, float]] = {}
+
+
+def silence(note: Path) -> float:
+    """Return for how many seconds of its clock this process has seen no touch."""
+    sight = look_at(note)
+    now = time.monotonic()
+    if sight is None:
+        _watched.pop(note, None)
+        return 0.0
+    before, since = _watched.get(note, (None, now))
+    if sight != before:
+        _watched[note] = sight, now
+        return 0.0
+    return now - since
+
+
+def _age(note: Path, sight: Sight) -> float:
+    """Return the seconds since a note was touched, below 0 if that is to come."""
     now = time.time_ns()
     # The clock of the file system, which also sets the times of notes.
     with contextlib.suppress(OSError), tempfile.TemporaryFile(dir=note.parent) as file:
         now = os.fstat(file.fileno()).st_mtime_ns
-    return now - _touched(note) > SILENCE * 1e9
+    return (now - sight.touched) / 1e9
 
 
 def _beat(note: Path, token: str, ended: threading.Event) -> None:
@@ -308,14 +409,15 @@ def _beat(note: Path, token: str, ended: threading.Event) -> None:
             os.utime(note)
 
 
-# Locks of the system that this process holds. A process that is forked inherits them,
-# and would keep them for as long as it lives.
+# Locks that this process holds. A process that is forked inherits them, and would keep
+# them for as long as it lives.
 _held: "weakref.WeakSet[LockFile]" = weakref.WeakSet()
 
 
 def _after_fork() -> None:
     for held in _held:
         held._token = ""
+        held._beating = None
         held._close()
     _held.clear()
 

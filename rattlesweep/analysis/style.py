@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
@@ -443,6 +444,12 @@ def envelope(t: Floats, values: Floats) -> Envelope | None:
 
 def encode_figure(figure: Figure, kind: str, dpi: float = FIGURE_DPI) -> bytes:
     """Return a figure in one of `_FORMATS`; equal figures give equal bytes."""
+    for text in figure.findobj(Text):
+        # An SVG with a control character is no XML.
+        lines = map(printable, text.get_text().split("\n"))
+        shown = "\n".join(lines)
+        if shown != text.get_text():
+            text.set_text(shown)
     buffer = io.BytesIO()
     with valid_texts():
         figure.savefig(buffer, format=kind, dpi=dpi, metadata=_FORMATS[kind])

@@ -9,12 +9,13 @@ import os
 import re
 import stat
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
+from rattlesweep import lockfile
 from rattlesweep.errors import OutputError, printable
 from rattlesweep.files import explained, kept_in_place, remove_unfinished
-from rattlesweep.lockfile import LockFile, is_held
+from rattlesweep.lockfile import LockFile, is_held, silence
 from rattlesweep.store.sessions import (
     SESSIONS,
     WHOLE_SWEEP,
@@ -24,6 +25,7 @@ from rattlesweep.store.sessions import (
 )
 
 LOCKS = ".locks"
+FOLDER = "runs"  # holds rows and nothing else: readers take all files there for data
 MANIFEST_LOCK = "manifest"
 NAMES = re.compile(
     rf"{WHOLE_SWEEP}|shard-\d+-of-\d+"
@@ -38,43 +40,94 @@ GIVE_UP_AFTER = 120.0
 def hold(directory: Path, shard: str | None = None) -> Iterator[Callable[[], None]]:
     """Hold a directory, or a shard such as ``shard-0-of-4``; raise an OutputError.
 
-    The body gets a function to call before it writes. It raises an OutputError if
-    another process has taken this one for dead.
+    Meanwhile no file of the directory is written or removed if another process has
+    taken this one for dead; see :func:`rattlesweep.files.check_place`. The body gets
+    a function that asks for this alone, and raises an OutputError then.
     """
     mine = shard or WHOLE_SWEEP
     # First take the lock, then look for others: of two that begin at once at most one
     # goes on.
-    with _taken(directory, mine, _PATIENCE) as lock:
-        busy = [mine]
-        if lock is not None:
-            busy = []
-            # Shards of the same number may work at once.
-            for name in at_work(directory, lambda name: _shards(name) != _shards(mine)):
-                # Where a note is the lock, this waits until a dead process is known.
-                other = LockFile(directory / LOCKS / name)
-                if not other.acquire(0.0):
-                    busy = [name]
-                    break
-                other.release()
-        if busy:
-            what = (
-                f"{directory}" if busy[0] == WHOLE_SWEEP else f"{directory}: {busy[0]}"
-            )
-            raise OutputError(f"{what} is in use by {_user(directory, busy[0])}")
+    waiting = _Word(directory, mine)
+    with _taken(directory, mine, _PATIENCE, waiting) as lock:
+        busy = mine if lock is None else None
+        # Shards of the same number may work at once.
+        others = [
+            name
+            for name in names_of_locks(directory)
+            if name != mine and (shard is None or _shards(name) != _shards(mine))
+        ]
+        if busy is None:
+            busy = free_locks(directory, others)
+        if busy is not None:
+            what = f"{directory}" if busy == WHOLE_SWEEP else f"{directory}: {busy}"
+            raise OutputError(f"{what} is in use by {_user(directory, busy)}")
         assert lock is not None
-        if shard is None:  # otherwise other shards may be writing
-            remove_unfinished(directory)
-            if not (directory / SESSIONS).is_symlink():
-                remove_unfinished(directory / SESSIONS)
+        # What paused holders were writing must not appear later.
+        gone = [mine, *others]
+        remove_unfinished(directory, None if shard is None else gone)
+        remove_unfinished(directory / FOLDER, gone)
+        if shard is None and not (directory / SESSIONS).is_symlink():
+            remove_unfinished(directory / SESSIONS)
 
         def check() -> None:
-            if lock.is_lost():
-                user = _user(directory, mine)
-                lost = "this process was silent for too long, as if it had died"
-                raise OutputError(f"{directory}: {lost}, and it is now held by {user}")
+            with explained(f"cannot read {directory / LOCKS}"):
+                is_lost = lock.is_lost()
+            if is_lost:
+                raise OutputError(_lost(directory, lock))
 
-        with kept_in_place(directory):
+        with kept_in_place(directory, mine, check):
             yield check
+
+
+def _lost(directory: Path, lock: LockFile) -> str:
+    """Return in words that another process has taken a lock from this one."""
+    what = f"{directory}: this process was silent for too long, as if it had died"
+    holder = lock.holder()
+    if holder is None:
+        return f"{what}, and its lock was taken or removed; run it again"
+    return f"{what}, and it is now held by {printable(str(holder))}"
+
+
+def free_locks(directory: Path, names: Iterable[str]) -> str | None:
+    """Free the locks of dead processes; return the name of one that is alive.
+
+    Where a note is the lock, this waits until it is known. A holder that was only
+    paused finds that it has lost the lock.
+    """
+    noted = [name for name in names if _is_in_use(directory, name)]
+    with explained(f"cannot take over locks in {directory / LOCKS}"):
+        for name in noted:
+            silence(directory / LOCKS / f"{name}.note")  # watch all from now on
+        for name in noted:
+            other = LockFile(directory / LOCKS / name, settles=False)
+            if not other.acquire(_PATIENCE, _Word(directory, name)):
+                return name
+            other.release()
+    return None
+
+
+def _is_in_use(directory: Path, name: str) -> bool:
+    """Return whether a lock is held, or has the note of a process that did not end."""
+    path = directory / LOCKS / name
+    return bool(is_held(path)) or os.path.lexists(path.with_name(f"{name}.note"))
+
+
+class _Word:
+    """Says, once, for whom a command waits."""
+
+    def __init__(self, directory: Path, name: str) -> None:
+        self._directory = directory
+        self._name = name
+        self._said = False
+
+    def __call__(self, seconds: float) -> None:
+        if seconds < WORD_AFTER or self._said:
+            return
+        self._said = True
+        user = _user(self._directory, self._name)
+        what = f"{self._directory} is held by {user}, which is silent"
+        then = f"it is taken for dead after {lockfile.SILENCE:g} s without a sign"
+        print(f"waiting: {what}; {then}", file=sys.stderr, flush=True)
 
 
 def _shards(lock: str) -> str:
@@ -86,8 +139,12 @@ def _user(directory: Path, name: str) -> str:
     """Return in words who holds a lock."""
     holder = LockFile(directory / LOCKS / name).holder()
     session = unfinished(read_sessions(directory)).get(name)
-    if session is not None and (holder is None or session["pid"] == holder.pid):
-        return who(session)
+    if session is not None:
+        is_same = holder is None or (
+            session["pid"] == holder.pid and session["host"] == holder.host
+        )
+        if is_same:
+            return who(session)
     return "another process" if holder is None else printable(str(holder))
 
 
@@ -117,8 +174,16 @@ def locked(directory: Path, name: str) -> Iterator[None]:
             said = True
             print(f"waiting: {held}", file=sys.stderr, flush=True)
 
-    with _taken(directory, name, waiting=waiting):
-        yield
+    def check() -> None:
+        if lock.is_lost():
+            raise OutputError(_lost(directory, lock))
+
+    with _taken(directory, name, waiting=waiting) as taken:
+        assert taken is not None
+        lock = taken
+        remove_unfinished(directory, [name])
+        with kept_in_place(directory, name, check):
+            yield
 
 
 @contextlib.contextmanager
@@ -165,11 +230,17 @@ def probe_locks(
     A folder of locks that cannot be read, or is a link, has no names.
     """
     folder = directory / LOCKS
-    names: list[str] = []
+    names = filter(others, names_of_locks(directory))
+    return {name: is_held(folder / name) for name in names}
+
+
+def names_of_locks(directory: Path) -> list[str]:
+    """Return the names of all locks but the manifest's."""
+    folder = directory / LOCKS
     with contextlib.suppress(OSError):
         if _is_folder(folder):
-            names = sorted(filter(NAMES.fullmatch, os.listdir(folder)))
-    return {name: is_held(folder / name) for name in names if others(name)}
+            return sorted(filter(NAMES.fullmatch, os.listdir(folder)))
+    return []
 
 
 def is_readable(directory: Path) -> bool:

@@ -20,9 +20,9 @@ from rattlesweep.design.plan import (
 )
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.files import explained
-from rattlesweep.store.locks import LOCKS, at_work
+from rattlesweep.store.locks import FOLDER, LOCKS, free_locks, names_of_locks
 from rattlesweep.store.provenance import command_line, machine, now, versions
-from rattlesweep.store.rows import FOLDER, FORMAT, MANIFEST, Stored, open_stored
+from rattlesweep.store.rows import FORMAT, MANIFEST, Stored, open_stored
 
 
 def stored_plan(stored: Stored) -> Plan:
@@ -52,10 +52,14 @@ def begin_sweep(
             return stored
         # Shards that are at work know only the smaller sweep, whose summary they would
         # write.
-        busy = at_work(directory, shard.__ne__) if shard else []
-        if busy:
+        busy = None
+        if shard is not None:
+            busy = free_locks(
+                directory, filter(shard.__ne__, names_of_locks(directory))
+            )
+        if busy is not None:
             what = "is at work; the sweep can grow when it has ended"
-            raise OutputError(f"{directory}: {busy[0]} {what}")
+            raise OutputError(f"{directory}: {busy} {what}")
         grown.manifest["started"] = stored.manifest["started"]
     grown.drop_summary()
     grown.write_manifest()

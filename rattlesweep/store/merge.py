@@ -10,26 +10,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-import numpy as np
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.files import check_place, explained, open_regular, streamed_file
+from rattlesweep.files import (
+    explained,
+    move,
+    open_regular,
+    staged_name,
+    streamed_file,
+)
+from rattlesweep.store.copies import Copies
 from rattlesweep.store.decide import wanted_runs
 from rattlesweep.store.locks import hold
 from rattlesweep.store.manifest import check_empty, check_same
-from rattlesweep.store.parquet import read_parquet
 from rattlesweep.store.rows import (
     MANIFEST,
-    TYPED,
     Stored,
     free_path,
-    in_order,
-    keys_of,
-    metadata,
     open_stored,
-    refuse_again,
-    same_bits,
 )
 from rattlesweep.store.summary import write_summary
 from rattlesweep.text import counted
@@ -66,7 +65,7 @@ def merge(directories: Sequence[Path], output: Path, link: bool = False) -> Merg
             stack.enter_context(hold(output))
         merged = replace(largest, directory=output)
         new = _new_files(sources, merged)
-        copies = _Copies(merged)
+        copies = Copies(merged)
         on_disk = merged.find([*copies.files, *new], copies.see, copies.note)
         if on_disk.damaged:
             advice = "do its runs again before merging"
@@ -124,56 +123,6 @@ def _new_files(sources: Sequence[Stored], merged: Stored) -> list[Path]:
     return new
 
 
-class _Copies:
-    """Runs of the sources that the merged directory has, in files of other rows.
-
-    Sources whose small files have been merged have the rows of before in new files.
-    """
-
-    def __init__(self, merged: Stored) -> None:
-        self.partial: list[Path] = []  # files of sources with such runs
-        self._merged = merged
-        self.files = {path: place for place, path in enumerate(merged.files())}
-        # Of each run, the place of its file among these, or -1.
-        self._place = np.full(merged.shape, -1, np.int32)
-
-    def see(self, path: Path, rows: pa.Table) -> None:
-        """Note the rows of a file of the merged directory."""
-        if path in self.files:
-            self._place[keys_of(rows)] = self.files[path]
-
-    def note(self, path: Path, rows: pa.Table) -> None:
-        """Note a file with rows that are there; refuse those of another source."""
-        if path in self.files or (self._place[keys_of(rows)] < 0).any():
-            refuse_again(path, rows)
-        self.partial.append(path)
-
-    def check(self, path: Path) -> None:
-        """Raise an OutputError if a row of a file has other values where it is."""
-        rows = in_order(read_parquet(path))
-        place = self._place[keys_of(rows)]
-        files = list(self.files)
-        for index in np.unique(place[place >= 0]):
-            twin = files[index]
-            copies = rows.filter(place == index)
-            is_copy = np.zeros(self._merged.shape, bool)
-            is_copy[keys_of(copies)] = True
-            twins = in_order(read_parquet(twin))
-            if not same_bits(copies, twins.filter(is_copy[keys_of(twins)])):
-                what = f"and {twin} hold other values of the same runs"
-                raise OutputError(
-                    f"{path} {what}; move one away, or use another output"
-                )
-
-    def add_rest(self, path: Path) -> None:
-        """Write the rows of a file that are not there yet."""
-        rows = read_parquet(path)
-        rest = rows.filter(self._place[keys_of(rows)] < 0)
-        if len(rest):
-            typed = metadata(rows).get(TYPED, "")
-            self._merged.append(rest.replace_schema_metadata(None), typed)
-
-
 def _check_part(stored: Stored, largest: Stored) -> None:
     """Raise an OutputError if a sweep is no part of the largest one."""
     how = None
@@ -194,13 +143,16 @@ def _check_part(stored: Stored, largest: Stored) -> None:
 def _add(path: Path, merged: Stored, link: bool) -> None:
     """Add a file to the merged directory."""
     target = free_path(merged.folder / path.name)
-    check_place(target)
     if link:
+        staged = staged_name(target, merged.directory)
         with contextlib.suppress(OSError):
             # A link to a link would end with it.
-            os.link(path.resolve(), target)
+            os.link(path.resolve(), staged)
+            with explained(f"cannot write {target}"):
+                move(staged, target)
             return
-    with open_regular(path) as file, streamed_file(target, merged.directory) as copy:
+    staging = merged.directory
+    with open_regular(path) as file, streamed_file(target, staging, new=True) as copy:
         if not _share(file, copy):
             shutil.copyfileobj(file, copy)
 

@@ -161,7 +161,7 @@ class _Merging:
             stored.merging.mkdir(exist_ok=True)
         target = stored.new_path(rows)
         merged = stored.merging / target.name
-        stored.write(merged, rows, typed, json.dumps(replaces))
+        stored.write(merged, rows, typed, json.dumps(replaces), new=True)
         _take_place(stored, merged, list(group))
         files.append(target)
 
@@ -185,6 +185,7 @@ def _finish(stored: Stored, mine: Mine) -> None:
 
 def _take_place(stored: Stored, merged: Path, sources: list[Path]) -> None:
     """Replace files of rows by the merged one."""
+    # Names of files are never used again, so this may be late and harms no other.
     check_place(stored.folder)
     with explained(f"cannot merge files of {stored.folder}"):
         for path in sources:

@@ -46,11 +46,12 @@ def write_parquet(
     path: Path,
     metadata: Mapping[str, str] | None = None,
     staging: Path | None = None,
+    new: bool = False,
 ) -> None:
     """Write a table with metadata; equal tables give equal files.
 
     The file is written in the folder `staging`, by default that of `path`, and appears
-    at `path` when it is complete.
+    at `path` when it is complete. A file that is `new` takes no other's place.
     """
     new_metadata = None
     if metadata:
@@ -59,7 +60,7 @@ def write_parquet(
     # need not share.
     table = table.combine_chunks().replace_schema_metadata(new_metadata)
     data = encode(table)
-    with streamed_file(path, staging) as file:
+    with streamed_file(path, staging, new) as file:
         file.write(data)
 
 

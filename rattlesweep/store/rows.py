@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import secrets
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -40,6 +41,7 @@ from rattlesweep.errors import (
     DamagedError,
     GoneError,
     OutputError,
+    TwiceError,
     one_line,
 )
 from rattlesweep.files import (
@@ -52,12 +54,12 @@ from rattlesweep.files import (
 )
 from rattlesweep.names import REGIMES
 from rattlesweep.store.checked import Checked, load_checked
+from rattlesweep.store.locks import FOLDER
 from rattlesweep.store.parquet import read_parquet, write_parquet
 from rattlesweep.store.types import TYPES, codes
 
 MANIFEST = "manifest.json"
 SUMMARY = "summary.parquet"
-FOLDER = "runs"  # holds rows and nothing else: readers take all files there for data
 DAMAGED = "damaged"  # folder of the files that were damaged
 MERGING = "merging"  # folder of files that are about to replace others
 FORMAT = 3
@@ -160,8 +162,9 @@ def _useless(path: Path, fault: str) -> OutputError:
 
 
 def refuse_again(path: Path, rows: pa.Table) -> None:
-    """Raise the OutputError about a file with rows that another one has."""
-    raise _useless(path, TWICE)
+    """Raise the TwiceError about a file with rows that another one has."""
+    advice = "or let `rattlesweep run` without --shard drop equal ones"
+    raise TwiceError(f"{path} {TWICE}; move it away, {advice}")
 
 
 @dataclass(frozen=True)
@@ -272,19 +275,27 @@ class Stored(Design):
         return moved
 
     def new_path(self, table: pa.Table) -> Path:
-        """Return the path of a new file of rows."""
+        """Return the path of a new file of rows, which no other file ever had.
+
+        So whoever still writes or removes a file of before cannot harm a later one.
+        """
         case, sample = keys_of(table.slice(0, 1))
-        name = f"case{case[0]:05d}-sample{sample[0]:09d}.parquet"
-        return free_path(self.folder / name)
+        first = f"case{case[0]:05d}-sample{sample[0]:09d}"
+        return self.folder / f"{first}-{secrets.token_hex(6)}.parquet"
 
     def append(self, table: pa.Table, typed: str) -> Path:
         """Write rows, none of which is on disk, to a new file; return its path."""
         path = self.new_path(table)
-        self.write(path, table, typed)
+        self.write(path, table, typed, new=True)
         return path
 
     def write(
-        self, path: Path, table: pa.Table, typed: str, replaces: str | None = None
+        self,
+        path: Path,
+        table: pa.Table,
+        typed: str,
+        replaces: str | None = None,
+        new: bool = False,
     ) -> None:
         """Write rows to a file, in one step."""
         labels = {
@@ -294,7 +305,7 @@ class Stored(Design):
         }
         if replaces is not None:
             labels[REPLACES] = replaces
-        write_parquet(table, path, labels, self.directory)
+        write_parquet(table, path, labels, self.directory, new)
 
     def find(
         self,

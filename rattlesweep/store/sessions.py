@@ -9,7 +9,7 @@ import json
 import os
 import shlex
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -40,14 +40,20 @@ class Record(Checked):
     pid: _Count | None = None
     threads: _Count | None = None
     machine: dict[str, str | _Count] | None = None
+    doing: str | None = None  # "compiling" until its kernels are loaded
     runs: _Count | None = None  # that it has done
     seconds: float | None = None
     kernel_seconds: float | None = None
 
 
 @contextlib.contextmanager
-def session(directory: Path, shard: str | None, threads: int) -> Iterator[Session]:
-    """Keep the record of this process; the body sets ``how`` to say how it ended."""
+def session(
+    directory: Path, shard: str | None, threads: int
+) -> Iterator[tuple[Session, Callable[[], None]]]:
+    """Keep the record of this process, and a function that says its kernels are loaded.
+
+    The body sets ``how`` to say how it ended.
+    """
     begin = datetime.now(UTC)
     pid = os.getpid()
     path = directory / SESSIONS / f"{begin:%Y%m%dT%H%M%S.%fZ}-{pid}.json"
@@ -55,6 +61,7 @@ def session(directory: Path, shard: str | None, threads: int) -> Iterator[Sessio
         "started": begin.isoformat(),
         "ended": None,
         "how": "running",
+        "doing": "compiling",
         "shard": shard,
         "command": shlex.join(command_line()),
         "host": socket.gethostname(),
@@ -63,12 +70,18 @@ def session(directory: Path, shard: str | None, threads: int) -> Iterator[Sessio
         "machine": machine(),
     }
     _write(path, record)
+
+    def loaded() -> None:
+        record["doing"] = None
+        _write(path, record)
+
     try:
-        yield record
+        yield record, loaded
     except BaseException as error:
         record["how"] = "failed" if isinstance(error, Exception) else "interrupted"
         raise
     finally:
+        record["doing"] = None
         record["ended"] = now()
         _write(path, record)
 
@@ -99,4 +112,7 @@ def who(session: Session) -> str:
     """Return the command and process of a session, in words."""
     since = str(session["started"])[:19]
     process = f"process {session['pid']} on {session['host']}, since {since} UTC"
-    return f"`{session['command']}` ({process})"
+    doing = ""
+    if session["how"] == "running" and session["doing"] == "compiling":
+        doing = ", compiling or loading kernels"
+    return f"`{session['command']}` ({process}){doing}"

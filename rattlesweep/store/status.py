@@ -39,7 +39,7 @@ class SweepStatus:
             shard = session["shard"] or "the whole sweep"
             lines.append(f"at work: {shard}, {who(session)}")
         for session in data["unknown"]:
-            why = "its lock cannot be read"
+            why = "its lock does not tell"
             lines.append(f"at work or killed ({why}): {who(session)}")
         last = data["last"]
         if last is not None and not data["at_work"] and not data["unknown"]:

@@ -135,8 +135,7 @@ class Job:
     # Called a few times a second.
     report: Callable[[Progress], None] = lambda progress: None
     deadline: float = math.inf  # of `time.monotonic`
-    # Called before rows are written; raises an OutputError if others write there now.
-    check: Callable[[], None] = lambda: None
+    began: Callable[[], None] = lambda: None  # called when the kernel is loaded
 
     def __post_init__(self) -> None:
         self.tally = SessionTally()
@@ -157,6 +156,7 @@ class Job:
         """Note that the kernel is loaded, if that is new."""
         if self.tally.begun is None:
             self.tally.begun = time.monotonic()
+            self.began()
 
     def blocks(self, wanted: Flags) -> Iterator[Keys]:
         """Yield the wanted runs that are not on disk, in blocks of about equal time."""
@@ -205,7 +205,6 @@ class Job:
     def write(self, table: pa.Table, seconds: float | None = None) -> None:
         """Write rows to disk, and count them and the seconds of the kernel for them."""
         with _signals_deferred():
-            self.check()
             self._writer.write(table)
             self.found.add(table)
             self.tally.on_disk += len(table)

@@ -24,10 +24,11 @@ import pyarrow.compute as pc
 from rattlesweep.arrays import Flags, Integers
 from rattlesweep.design.config.schema import Classify
 from rattlesweep.design.plan import Plan
-from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.errors import ConfigError, OutputError, TwiceError
 from rattlesweep.files import explained
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import Control, Task
+from rattlesweep.store.copies import drop_copies
 from rattlesweep.store.decide import wanted_runs
 from rattlesweep.store.locks import MANIFEST_LOCK, hold, locked
 from rattlesweep.store.manifest import begin_sweep, examine
@@ -130,13 +131,13 @@ def run_sweep(
     with contextlib.ExitStack() as held:
         # Of several shards that start at once, one writes the manifest.
         with locked(directory, MANIFEST_LOCK):
-            check = held.enter_context(hold(directory, name))
+            held.enter_context(hold(directory, name))
             stored = begin_sweep(plan, directory, base, name)
         plan = replace(plan, cases=stored.cases)
-        record = held.enter_context(session(directory, name, threads))
+        record, began = held.enter_context(session(directory, name, threads))
         on_disk = _mend(stored, plan.config.classify, shard, retry_failed)
         deadline = math.inf if max_time is None else start + max_time
-        job = Job(plan, stored, on_disk, threads, report, deadline, check)
+        job = Job(plan, stored, on_disk, threads, report, deadline, began)
         missing = 0
         summary = None
         try:
@@ -187,7 +188,15 @@ def _mend(
     failed runs are dropped if they are to be repeated. Return what is then on disk, and
     the damaged files where they now are.
     """
-    on_disk = find_merged(stored, all_runs if shard is None else shard.has)
+    mine = all_runs if shard is None else shard.has
+    try:
+        on_disk = find_merged(stored, mine)
+    except TwiceError:
+        if shard is not None:  # another shard may be writing one of the files
+            raise
+        stored.drop_summary()
+        drop_copies(stored)
+        on_disk = find_merged(stored, mine)
     on_disk.damaged = stored.set_aside(on_disk.damaged)
     typed = thresholds.as_text
     stale: set[Path] = set()

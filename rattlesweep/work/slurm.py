@@ -85,7 +85,7 @@ def job_script(
     # Slurm sends its warning halfway between the task's own stop and the limit.
     margin = round(min(_MARGIN, MARGIN_SHARE * limit))
     target = quote(f"{output}")
-    finish = f"verify {target}"
+    finish = f"verify {target} --complete"
     directory = target
     if own:
         shards_of = f"{{0..{shards - 1}}}" if shards > 1 else "0"

@@ -64,7 +64,7 @@ trap 'forward TERM' TERM
 
 echo "$(date '+%F %T') task $task on $HOSTNAME, $cpus threads, restart $restarts"
 "${program[@]}" run "$config" --output "$output"@SETS@ \
-    --shard "$index/@SHARDS@" --threads "$cpus" --max-time @SECONDS@s --quiet >/dev/null &
+    --shard "$index/@SHARDS@" --threads "$cpus" --max-time @SECONDS@s >/dev/null &
 child=$!
 ((heard)) && kill -TERM "$child" 2>/dev/null
 code=127

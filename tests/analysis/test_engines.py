@@ -13,7 +13,7 @@ from sweeping import ROOT, invoke
 import rattlesweep as rs
 from rattlesweep.analysis.engines.case import EngineCase
 from rattlesweep.analysis.engines.mjcf import to_mjcf
-from rattlesweep.errors import ConfigError
+from rattlesweep.errors import ConfigError, printable
 
 FOLDER = ROOT / "benchmarks" / "engines"
 GH = rs.Rattleback.gh()
@@ -99,6 +99,15 @@ def test_pivoting_friction_is_torsional_friction_with_the_lever_in_metres():
     used = case.expected.contact.friction / sliding
     assert used <= 0.1
     assert f"leaves {100 * np.sqrt(1 - used**2):.1f} % of it" in text
+
+
+@pytest.mark.parametrize(
+    "name", ["2 --> 3", "run--2-", "bell\a", "a\n--\x1b\ufffe", "<&>"]
+)
+def test_any_name_leaves_a_model_that_is_xml(name):
+    case = reference("cabinet").model_copy(update={"name": name, "about": name})
+    model = ET.fromstring(to_mjcf(case))
+    assert model.get("model") == printable(name)
 
 
 def test_a_model_of_a_half_ellipsoid_says_that_its_geom_goes_on():

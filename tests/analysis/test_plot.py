@@ -6,6 +6,7 @@ import itertools
 import shlex
 import shutil
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import pandas as pd
 import pytest
 from editing import edited
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from refusal import assert_refused
 from sweeping import invoke, tree
 from theory_mp import n_c1_squared
@@ -30,6 +32,7 @@ from rattlesweep.analysis.style import (
     GREY,
     TYPE_STYLE,
     curve,
+    encode_figure,
     envelope,
     new_figure,
     styled,
@@ -783,3 +786,12 @@ def test_very_many_panels_are_reduced_and_this_is_said(tmp_path):
     figure = drawn(shown)
     assert len(figure.axes) <= 40
     assert len(runs) == 240
+
+
+@pytest.mark.parametrize(
+    "title", ["bell\a", "a--b", "x\x1b[0m", "a]]>b", "\udc80\ufffe"]
+)
+def test_any_title_leaves_a_picture_that_is_xml(title):
+    figure = Figure()
+    figure.suptitle(f"{title}\nbelow")
+    assert ET.fromstring(encode_figure(figure, "svg")).tag.endswith("svg")

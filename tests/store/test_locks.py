@@ -124,7 +124,7 @@ def test_a_reader_sees_who_is_at_work_and_writes_nothing(tmp_path, monkeypatch):
     assert "was killed" in status(output).words
     monkeypatch.setattr("rattlesweep.store.status.is_readable", lambda place: False)
     told = status(output)
-    assert "at work or killed (its lock cannot be read)" in told.words
+    assert "at work or killed (its lock does not tell)" in told.words
     assert "was killed" not in told.words
 
 

@@ -1,13 +1,14 @@
 """A case as a model of MuJoCo (MJCF)."""
 
 import math
+import re
 from collections.abc import Sequence
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from rattlesweep.analysis.engines.case import EngineCase
 from rattlesweep.analysis.onerun.course import PreparedRun
-from rattlesweep.errors import ConfigError
+from rattlesweep.errors import ConfigError, printable
 from rattlesweep.shipped import linked
 
 # Friction of a plane that always holds: this, or so many times what rolling needs.
@@ -66,6 +67,8 @@ def to_mjcf(case: EngineCase, one_percent: float | None = None) -> str:
         keep_trailing_newline=True,
     )
     environment.filters["numbers"] = _numbers
+    environment.filters["printable"] = printable
+    environment.filters["comment"] = _comment
     text = environment.get_template("case.xml.j2").render(
         case=case,
         expected=case.expected,
@@ -91,6 +94,12 @@ def _ample(needed: float, lever: float) -> float:
     if needed < HOLDING_FRICTION:
         return HOLDING_FRICTION
     return math.ceil(AMPLE * needed)
+
+
+def _comment(text: str) -> str:
+    """Return text that may stand in a comment of XML, whose end is two hyphens."""
+    lines = (printable(line) for line in text.split("\n"))
+    return re.sub("-(?=-)", "- ", "\n".join(lines))
 
 
 def _numbers(values: Sequence[float]) -> str:
