@@ -60,6 +60,8 @@ SHORTEST_PIECE = 0.05
 # succeed.
 MAX_PIECES = 4096.0
 MAX_TRIES = 60
+# Share of a piece in which a limit that rises from zero has hardly left it.
+NEAR_START = 1e-3
 _CLEAR, _DIP, _ZERO = 0, 1, 2
 # A further move: the end of the next piece is known already.  It replaces recursion,
 # which makes a cached kernel crash when it is loaded, even if two functions share it
@@ -334,8 +336,10 @@ def _secant(lane: Lane) -> float:
     lo = lane.lo
     hi = lane.hi
     share = lo.value / (lo.value - hi.value)
-    if not 0.0 <= share <= 1.0:
-        # Both are beyond the zero, as the force has jumped at the start.
+    # The spin has just left zero and comes back: the zero is not the one it left.
+    leaves = share < NEAR_START and lane.searched == LIMIT and lo.rate > 0.0
+    if leaves or not 0.0 <= share <= 1.0:
+        # Or both are beyond the zero, as the force has jumped at the start.
         share = 0.5
     return lo.h + share * (hi.h - lo.h)
 
@@ -363,9 +367,12 @@ def _polish(lane: Lane, tried: Point) -> int:
     hi = lane.hi.h
     full = lane.full.h
     guess = h - n / rate if rate != 0.0 else lo
+    # A limit that still rises is not near its zero, although it may be near the one
+    # from which it has risen.
+    rises = lane.searched == LIMIT and n > 0.0 and rate > 0.0
     if not (guess > lo and guess < hi) or lane.tries % 8.0 == 7.0:
         guess = lo + 0.5 * (hi - lo)
-        newton = abs(n / rate) if rate != 0.0 else full
+        newton = abs(n / rate) if rate != 0.0 and not rises else full
     else:
         newton = abs(guess - h)
     if (

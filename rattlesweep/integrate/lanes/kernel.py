@@ -97,8 +97,7 @@ LEAST_ERROR = 1e-30
 @njit(**INNER)
 def ends_at_limit(lane, move):
     """Return whether a step that is taken ends at the limit of its mode."""
-    # A last step of a fixed method may have the size zero, which is no limit found.
-    return move == TAKE and lane.h_limit > 0.0 and lane.h == lane.h_limit
+    return move == TAKE and lane.h == lane.h_limit
 
 
 @njit(**INNER)
@@ -145,7 +144,8 @@ def search_zeros(lane):
     """Make one move of the searches for zeros in the step just tried."""
     move = TAKE
     if lane.search == STEP:
-        lane.h_limit = 0.0
+        # No step has this size; one that ends at a limit may have the size zero.
+        lane.h_limit = -1.0
         if lane.arm > 0.0:
             # No zero counts yet; UNKNOWN_RATE makes every step due (`may_reverse`).
             lane.rate_max = runs.UNKNOWN_RATE
@@ -355,6 +355,12 @@ def look_closer(problem, parts, w, l, max_steps, recording):
         runs.hold_back(lane)
         return RIM, TAKE
     status, move = search_closely(problem, parts, w, l, max_steps, recording)
+    if status in (OK, AT_LIMIT) and runs.stalls(lane, move != HOLD):
+        status = STEP_TOO_SMALL
+        move = HOLD
+        # The last point tried is no end of a step.
+        lane.h = 0.0
+        runs.hold_back(lane)
     if status == AT_LIMIT:
         # The step ends before the horizon.
         lane.last = 0.0

@@ -379,6 +379,9 @@ class Fields:
     hi: Point
     beyond: Point  # the point after the bracketed zero
 
+    t_moved: Number  # time up to which searches have brought the lane
+    looked: Number  # tries and steps since then that have brought it no further
+
     # Functions of the state, at both ends of the step.
     margin0: Number  # a smooth one with the sign of the limit, while the lane rolls
     margin1: Number
@@ -459,6 +462,12 @@ class Fields:
     held_time: Number  # time held in rests that have ended
     rate_held: Number  # `rate_max` at the begin of the last one
     left_zero: Number  # `steps` when the spin last left zero, -1 for never
+    # What the torque that holds the spin lacks of its limits, one on either side: at
+    # the start of the step, and at its end.  These are smooth.
+    below0: Number
+    above0: Number
+    below1: Number
+    above1: Number
 
     # Reversals; times are -1 for none.
     t_zero: Number  # first zero of the spin

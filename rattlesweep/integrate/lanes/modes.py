@@ -230,11 +230,11 @@ def look_at_limit(lane):
     """Compute the limit at the ends of the step tried, where it is to be searched.
 
     A closer look, with the rates of the limit, tells whether the step may end at a zero
-    of it.  Steps of lanes that slide or are held have computed it.
+    of it.  Steps of lanes that slide have computed it.
     """
     apart()
     limit = lane.problem.modes.limit
-    rolls = lane.mode != SLIDING and lane.mode != HELD
+    rolls = lane.mode != SLIDING
     if lane.search != STEP:
         if rolls and lane.searched == LIMIT:
             lane.limit1 = limit(lane, lane.h, lane.y1, lane.f1)
@@ -250,6 +250,8 @@ def look_at_limit(lane):
         half = limit(lane, lane.h, inside.middle(lane), inside.middle_rate(lane))
         angle = lane.h * lane.swing
         falls = inside.falls(lane.limit0, half.value, lane.limit1, angle)
+        if lane.problem.pivots and lane.mode == HELD:
+            falls |= pivots.may_give_way(lane)
         lane.leaves = 1.0 if falls else 0.0
 
 
@@ -328,6 +330,8 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
             prepare=pivots.preparing(combined.prepare),
             settle=pivots.settle,
             free=pivots.free,
+            launch=pivots.launching(combined.launch),
+            advance=in_turn([combined.advance, pivots.advance]),
             observe=pivots.observing(combined.observe),
         )
     return combined

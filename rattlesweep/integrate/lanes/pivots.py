@@ -19,7 +19,14 @@ from numba import njit
 
 from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import REVERSED
-from rattlesweep.integrate.lanes.inside import at_zero, both_of, may_fall
+from rattlesweep.integrate.lanes.inside import (
+    GLANCED,
+    at_zero,
+    both_of,
+    falls,
+    may_dip,
+    middle,
+)
 from rattlesweep.integrate.lanes.lane import (
     DIFFERENCE,
     HELD,
@@ -72,10 +79,18 @@ def lever_of(lane):
 
 
 @scalar
+def margins(lane, y):
+    """Return what the torque that holds the spin lacks of its two limits."""
+    torque, normal = lane.problem.model.pivot(y, lane.constants)
+    most = lever_of(lane) * (normal + PASSED)
+    return most + torque, most - torque
+
+
+@scalar
 def margin(lane, y):
     """Return the torque that the plane can still give to hold the spin."""
-    torque, normal = lane.problem.model.pivot(y, lane.constants)
-    return lever_of(lane) * (normal + PASSED) - abs(torque)
+    below, above = margins(lane, y)
+    return below if below < above else above
 
 
 @scalar
@@ -118,8 +133,12 @@ def sense_from_zero(lane, y):
 
 
 @njit(**INNER)
-def hold_spin(lane, t):
-    """Note that the spin is held from the time ``t`` on."""
+def hold_spin(lane, y, t):
+    """Note that the spin is held from the state ``y`` and the time ``t`` on."""
+    lane.below1, lane.above1 = margins(lane, y)
+    # A launch has no step before it.
+    lane.below0 = lane.below1
+    lane.above0 = lane.above1
     lane.t_hold = t
     lane.rate_held = lane.rate_max
     if lane.t_held < 0.0:
@@ -167,7 +186,7 @@ def settle(lane, y, t):
         sense = sense_from_zero(lane, y)
     set_sense(lane, sense)
     if sense == 0.0:
-        hold_spin(lane, t)
+        hold_spin(lane, y, t)
 
 
 @njit(fastmath=FASTMATH, **KEPT_APART)
@@ -183,13 +202,85 @@ def leave_zero(lane, t):
     set_sense(lane, sense)
     give_slack(lane, lane.y1)
     if sense == 0.0:
-        hold_spin(lane, t)
+        hold_spin(lane, lane.y1, t)
     runs.jump(lane)
     lane.limit1 = at_zero(lane.limit1)
     # A body that pivots computes its limit again, in `modes.look_at_limit`.
     lane.left_zero = lane.steps + 1.0
     lane.h_next = lane.full_next
     return sense
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def observe_held(problem, w):
+    """Look at the torque in the step tried on every lane that is held.
+
+    It is looked at in the middle, too: the plane may give way there and hold again at
+    the end.  A step too long for this look is searched.
+    """
+    widest_vectors()
+    held = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        held += 1 if lane.mode == HELD else 0
+    if held == 0:
+        return
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        half_below, half_above = margins(lane, middle(lane))
+        end_below, end_above = margins(lane, lane.y1)
+        angle = lane.h * lane.swing
+        dips = may_dip(lane.below0, half_below, end_below, angle)
+        dips |= may_dip(lane.above0, half_above, end_above, angle)
+        dips |= angle > GLANCED
+        due = 1.0 if (lane.mode == HELD) & dips else 0.0
+        leaves = lane.leaves
+        watched = lane.watched
+        lane.below1 = end_below
+        lane.above1 = end_above
+        lane.leaves = due if due > leaves else leaves
+        lane.watched = watched + due
+
+
+@scalar
+def may_give_way(lane):
+    """Return whether the plane may let the spin go in the step, from a closer look.
+
+    The torque is looked at with its rates, on either side by itself: what it lacks of
+    the nearer limit has a kink.
+    """
+    ahead = DIFFERENCE / lane.swing
+    angle = lane.h * lane.swing
+    first_below, first_above = margins(lane, moved(lane.y, lane.f, ahead))
+    last_below, last_above = margins(lane, moved(lane.y1, lane.f1, ahead))
+    half_below, half_above = margins(lane, middle(lane))
+    start = Point(0.0, lane.below0, (first_below - lane.below0) / ahead)
+    end = Point(lane.h, lane.below1, (last_below - lane.below1) / ahead)
+    if falls(start, half_below, end, angle):
+        return True
+    start = Point(0.0, lane.above0, (first_above - lane.above0) / ahead)
+    end = Point(lane.h, lane.above1, (last_above - lane.above1) / ahead)
+    return falls(start, half_above, end, angle)
+
+
+@njit(**INNER)
+def advance(problem, w):
+    """Let what the torque lacks at the end of a step be that at the next start."""
+    held = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        held += 1 if lane.mode == HELD else 0
+    if held == 0:
+        return
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        moves = lane.accept > 0.0
+        below0 = lane.below0
+        above0 = lane.above0
+        below1 = lane.below1
+        above1 = lane.above1
+        lane.below0 = below1 if moves else below0
+        lane.above0 = above1 if moves else above0
 
 
 @njit(**INNER)
@@ -218,6 +309,19 @@ def preparing(base_prepare: Callable[..., None]) -> Callable[..., None]:
         settle(lane, lane.y, 0.0)
 
     return prepare
+
+
+def launching(base_launch: Callable[..., None]) -> Callable[..., None]:
+    """Return `ModeSet.launch` of a model with the torque, from that without it."""
+
+    @njit(**INNER)
+    def launch(lane):
+        if lane.n0 == 0.0 and lane.mode == PIVOTING:
+            # A tap leaves zero here, and may be back within the first step.
+            give_slack(lane, lane.y)
+        base_launch(lane)
+
+    return launch
 
 
 def observing(base_observe: Callable[..., Any]) -> Callable[..., Any]:
@@ -256,28 +360,6 @@ def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
         if was_held and lane.mode != HELD:
             release(lane, t)
         return status, move
-
-    @njit(fastmath=FASTMATH, **INNER)
-    def observe_held(problem, w):
-        """Compute the limit at the end of the step tried on every lane that is held."""
-        widest_vectors()
-        held = 0
-        for l in range(problem.lanes):
-            lane = lane_of(problem, w, l)
-            held += 1 if lane.mode == HELD else 0
-        if held == 0:
-            return
-        for l in range(problem.lanes):
-            lane = lane_of(problem, w, l)
-            limit = lane.limit1
-            both = limit_held(lane, lane.h, lane.y1, lane.f1)
-            is_held = lane.mode == HELD
-            leaves = 1.0 if is_held & may_fall(lane.limit0, both) else 0.0
-            value = both.value if is_held else limit.value
-            rate = both.rate if is_held else limit.rate
-            lane.limit1 = Point(lane.h, value, rate)
-            lane.leaves = max(lane.leaves, leaves)
-            lane.watched += leaves
 
     @njit(**KEPT_APART)
     def change(lane, status, move, recording):

@@ -9,9 +9,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats
+from rattlesweep.integrate.lanes.events import STEP
 from rattlesweep.integrate.lanes.lane import (
     DIFFERENCE,
-    HELD,
     INNER,
     NEVER,
     SLIDING,
@@ -127,6 +127,12 @@ MAX_ENERGY_DRIFT = 0.01
 # Least squared amplitude that counts, as a share of the first: a mode that has decayed
 # by 1e-9 is lost in the rounding errors of the other.
 FLOOR = 1e-18
+# The least headway in time that counts, as a share of the time since the launch and of
+# a radian of the fastest swing; how many tries may go by without it, and as how many
+# of them a step counts.
+LEAST_HEADWAY = 1e-15
+MOST_TRIES = 1e5
+TRIES_OF_STEP = 1e3
 UNKNOWN_RATE = NEVER  # bound of the spin's rate with which every step may reverse
 
 
@@ -274,7 +280,7 @@ def advance_limit(problem, w):
         end = lane.margin1
         mode = lane.mode
         lane.margin0 = end if lane.accept > 0.0 else start
-        others += 1 if (mode == SLIDING) | (mode == HELD) else 0
+        others += 1 if mode == SLIDING else 0
     if others == 0:
         return
     for l in range(problem.lanes):
@@ -377,6 +383,29 @@ def note_turn(lane, reversals):
     """Let the end of the step just tried and a peak within it count in the turn."""
     note_size(lane, max(abs(lane.n1), lane.n_peak), reversals)
     lane.n_peak = 0.0
+
+
+# Headway.
+
+
+@njit(**INNER)
+def stalls(lane, moves):
+    """Return whether the steps of a lane, or searches, bring it no further in time.
+
+    ``moves`` says whether the step just tried is taken.  One that ends at an event may
+    be shorter than rounding errors of the time, but not one after another; and the
+    tries within a step are limited.
+    """
+    least = LEAST_HEADWAY * (lane.t + 1.0 / lane.swing)
+    if moves:
+        if lane.t + lane.h > lane.t_moved + least:
+            lane.t_moved = lane.t + lane.h
+            lane.looked = 0.0
+            return False
+        lane.looked += TRIES_OF_STEP
+    elif lane.search != STEP:
+        lane.looked += 1.0
+    return lane.looked > MOST_TRIES
 
 
 # Start and end of a run.

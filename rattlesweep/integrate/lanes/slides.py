@@ -780,6 +780,10 @@ def decide_sliding(problem, w, due):
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         waits = lane.waits > 0.0
+        # Lanes that are due are looked at later.
+        moves = (lane.mode == SLIDING) & (lane.accept > 0.0) & ((due >> l) & 1 == 0)
+        if moves and runs.stalls(lane, True):
+            lane.refused = STEP_TOO_SMALL
         if lane.stretch > 0.0:
             ratio = min(lane.stretch, 1.0) if lane.held > 0.0 else lane.stretch
             lane.h_next = min(lane.h * ratio, lane.h_longest)
