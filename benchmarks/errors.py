@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from rattlesweep.arrays import Flags, Floats
     from rattlesweep.design.config.schema import Config
     from rattlesweep.integrate.batch import Batch, Outcome
-    from rattlesweep.integrate.model import Model
+    from rattlesweep.motion.model import Model
 
     Codes = NDArray[np.int8]
 

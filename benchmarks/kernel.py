@@ -24,8 +24,8 @@ from numba import float64, njit, typeof
 from rattlesweep.integrate.batch import integrate, problem_of
 from rattlesweep.integrate.lanes.lane import widest_vectors
 from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
-from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS, Tableau
+from rattlesweep.motion.model import FULL
 from rattlesweep.physics import full
 
 # Products in machine code, fused or not, and their vector width.

@@ -57,8 +57,8 @@ def write_runs(folder: Path) -> None:
 def serve(folder: Path) -> None:
     """Integrate the sweeps named in the standard input (in a child process)."""
     from rattlesweep.integrate.batch import Batch, integrate
-    from rattlesweep.integrate.model import FULL
     from rattlesweep.integrate.tableau import METHODS
+    from rattlesweep.motion.model import FULL
 
     known = {field.name for field in fields(Batch)}
     for line in sys.stdin:

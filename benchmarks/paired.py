@@ -54,8 +54,8 @@ def reference(samples: int) -> peer_work.Floats:
 def serve(method: str, samples: int) -> None:
     """Read tolerances and print times and results (runs in a child process)."""
     from rattlesweep.integrate.batch import integrate
-    from rattlesweep.integrate.model import FULL
     from rattlesweep.integrate.tableau import METHODS
+    from rattlesweep.motion.model import FULL
 
     runs = peer_work.draw(samples)
     for line in sys.stdin:

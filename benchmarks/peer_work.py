@@ -13,8 +13,8 @@ from rattlesweep.arrays import take
 from rattlesweep.design.config.read import parse_config
 from rattlesweep.design.plan import make_plan
 from rattlesweep.integrate.batch import Batch, integrate
-from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.motion.model import FULL
 
 if TYPE_CHECKING:
     from collections.abc import Callable

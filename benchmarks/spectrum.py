@@ -18,8 +18,8 @@ from machine import all_runs, heading
 from rattlesweep.design.config.read import parse_config
 from rattlesweep.design.plan import make_plan
 from rattlesweep.integrate.batch import exponents, integrate, longest_frame_steps
-from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
+from rattlesweep.motion.model import FULL
 from rattlesweep.physics import steady
 
 if TYPE_CHECKING:

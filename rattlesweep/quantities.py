@@ -87,6 +87,11 @@ class Loss(Definition):
     default: float | None = 0.0
     # Whether only sweeps with some of it have its column.
     optional: bool = True
+    # The action of `rattlesweep.motion.action` that it is a constant of; none for
+    # sliding, which is another motion.
+    action: str = ""
+    # Whether a spin decays under it.
+    takes_spin: bool = True
     # Whether a small oscillation about a spin has a rate of growth that theory knows.
     is_linear: bool = False
     # Where the search of a fit begins, and its upper limit.  A torque per spin begins
@@ -324,6 +329,7 @@ _DISSIPATION = (
         high=MAX_SIGMA,
         measure=Measure("sigma_N_m_s", "N m s"),
         key="Torque / -omega",
+        action="viscous",
         letter="σ",
         optional=False,
         is_linear=True,
@@ -340,6 +346,7 @@ _DISSIPATION = (
         measure=Measure("rolling_m", "m"),
         formula="$l$",
         key="Moment / normal force",
+        action="rolling",
         letter="rolling",
         optional=False,
         first_values=(1e-4, 1e-3),
@@ -355,6 +362,7 @@ _DISSIPATION = (
         measure=Measure("pivot_m", "m"),
         formula=r"$l_\mathrm{pivot}$",
         key="Torque against pivoting / normal force",
+        action="pivoting",
         letter="pivot",
         first_values=(1e-4, 1e-3),
         most_fitted=1.0,
@@ -370,6 +378,7 @@ _DISSIPATION = (
         key="Friction / normal force at which the foot slides; none: never",
         letter="μ",
         default=None,
+        takes_spin=False,
         is_linear=True,
         first_values=(0.2, 0.4),
         most_fitted=10.0,
@@ -453,22 +462,8 @@ MEASURES: dict[str, tuple[Definition, Measure]] = {
 LOSSES: dict[str, Loss] = {loss.name: loss for loss in _DISSIPATION}
 """The constants of dissipation by name."""
 
-CONSTANTS_OF_LAW: dict[str, tuple[str, ...]] = {
-    "viscous": ("sigma",),
-    "rolling": ("sigma", "rolling"),
-    "pivoting": ("sigma", "pivot"),
-    "rolling_pivoting": ("sigma", "rolling", "pivot"),
-}
-"""The laws of friction, with the constants that each takes.
-
-Runs have the first law that takes all constants that are not zero.  Its formulas are in
-:mod:`rattlesweep.physics.surface`.
-"""
-
-COUPLE_CONSTANTS = frozenset(
-    name for constants in CONSTANTS_OF_LAW.values() for name in constants
-)
-"""The constants of couples, under which a spin decays."""
+COUPLE_CONSTANTS = frozenset(name for name, loss in LOSSES.items() if loss.takes_spin)
+"""The constants under which a spin decays."""
 
 SURFACE_CONSTANTS: dict[str, SurfaceConstant] = {each.name: each for each in _SURFACE}
 """The further constants of surfaces by name."""
@@ -477,13 +472,13 @@ CONSTANT_OF_SURFACE: dict[str, str | None] = {"paraboloid": None, "ellipsoid": "
 """The surfaces, each with its further constant; bodies without one are the first."""
 
 
-def law_of(names: Collection[str]) -> str | None:
-    """Return the law of friction for the couples of these names, None if none has all.
+def law_of(names: Collection[str]) -> str:
+    """Return the actions whose constants are among names, as models are named by them.
 
-    There is at least one.
+    The viscous torque accompanies all others, and is named where it is alone.
     """
-    couples = COUPLE_CONSTANTS.intersection(names)
-    for law, constants in CONSTANTS_OF_LAW.items():
-        if couples <= {*constants}:
-            return law
-    return None
+    actions = [loss.action for name, loss in LOSSES.items() if name in names]
+    words = dict.fromkeys(filter(None, actions))
+    if len(words) > 1:
+        words.pop("viscous", None)
+    return "_".join(words)

@@ -29,7 +29,7 @@ def path(state, body, t_end):
     seen = np.empty((int(t_end / STEP) // EVERY, 3))
     y = state.copy()
     for row in range(len(seen)):
-        seen[row] = y[2], y[3], spin(y[0], y[1], y[2], y[3], y[4])
+        seen[row] = y[2], y[3], spin((y[0], y[1], y[2], y[3], y[4]))
         if seen[row, 2] * seen[0, 2] <= 0:
             return seen[:row]
         for _ in range(EVERY):
@@ -37,17 +37,8 @@ def path(state, body, t_end):
             for stage in range(4):
                 at = y + (0.0, 0.5, 0.5, 1.0)[stage] * STEP * ks[stage]
                 ks[stage + 1] = rhs(
-                    at[0],
-                    at[1],
-                    at[2],
-                    at[3],
-                    at[4],
-                    body[0],
-                    body[1],
-                    body[2],
-                    body[3],
-                    body[4],
-                    body[5],
+                    (at[0], at[1], at[2], at[3], at[4]),
+                    (body[0], body[1], body[2], body[3], body[4], body[5]),
                 )
             y += STEP / 6 * (ks[1] + 2 * ks[2] + 2 * ks[3] + ks[4])
     return seen

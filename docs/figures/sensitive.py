@@ -21,8 +21,8 @@ from rattlesweep.design.config.read import parse_config
 from rattlesweep.design.plan import make_plan
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow import Follower
-from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.motion.model import FULL
 from rattlesweep.physics.steady import growth, steady_modes
 from rattlesweep.work.block import prepare_runs
 

@@ -1,6 +1,7 @@
 """From launches to the batches that the kernels integrate."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -9,11 +10,10 @@ from rattlesweep.design.models import constants_of, surface_constant
 from rattlesweep.design.prepared import Launches
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.lanes.runs import N_WINDOWS
-from rattlesweep.integrate.model import (
-    MODELS,
-)
-from rattlesweep.physics import full, reduced, surface, theory
+from rattlesweep.motion.model import find_model
+from rattlesweep.physics import full, reduced, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
+from rattlesweep.quantities import LOSSES
 
 # Periods of the slower mode that a window has at least; see docs/types.md.
 WINDOW_PERIODS = 2.0
@@ -59,24 +59,15 @@ def full_batch(launches: Launches) -> Batch:
     body_constants = constants_of(bodies)
     count = len(y0)
 
-    # Constants of the surface and of dissipation follow those of the body.
-    model = MODELS[launches.full_model]
+    model = find_model(launches.full_model)
     assert model.surface is not None
-    constants = [*body_constants]
-    if model.surface is not surface.PARABOLOID or model.law is not None:
-        constants.append(surface_constant(bodies, model.surface))
-    if model.law is not None:
-        for each in model.law.loss:
-            value = launches.losses[each] if isinstance(each, str) else each
-            constants.append(np.broadcast_to(value, count))
-        if model.law.pivot is not None:
-            # The sense of the spin, which lanes keep.
-            constants.append(np.ones(count))
-        # The last components of the state are works of dissipation.
-        works = model.n_state - y0.shape[1]
-        y0 = np.concatenate([y0, np.zeros((count, works))], axis=1)
-    if model.slide is not None:
-        constants.append(launches.losses["mu"])
+    values: dict[str, Any] = dict(zip(full.CONSTANTS, body_constants, strict=True))
+    values["k"] = surface_constant(bodies, model.surface)
+    # A constant that is not given has its default beside others of its action.
+    values |= {name: loss.default for name, loss in LOSSES.items()}
+    values |= model.fixed | launches.losses
+    constants = [np.broadcast_to(values[name], count) for name in model.of_runs]
+    y0 = model.at_launch(y0, values)
 
     sigma = launches.losses.get("sigma", 0.0)
     modes = steady_modes(body_constants, launches.n_i, sigma)

@@ -107,12 +107,12 @@ def _oscillation_speed(bodies: Bodies, omega: Floats, u: Floats, n_i: Floats) ->
 
     The energy of the tilt is that of second order in the tilt.
     """
-    ix, iy, iz, cxx, cxy, cyy = constants_of(bodies)
+    constants = constants_of(bodies)
     p, q, omega_x, omega_y, _ = full.from_vectors(u.T, (omega - n_i[:, None] * u).T)
     # The formula in Python takes arrays; compiled, it takes numbers.
     energy = full.oscillation.py_func
-    twice = energy(p, q, omega_x, omega_y, ix, iy, cxx, cxy, cyy)
-    return np.asarray(np.sqrt(twice / iz))
+    twice = energy((p, q, omega_x, omega_y), constants)
+    return np.asarray(np.sqrt(twice / constants[2]))
 
 
 def _spin_of_energy(
@@ -125,8 +125,11 @@ def _spin_of_energy(
         # A paraboloid is an ellipsoid with an infinite semi-axis.
         of_surface = surface.ELLIPSOID
     k = surface_constant(bodies, of_surface)
-    energy = surface.in_python(of_surface.energy, 1)
-    return np.asarray(np.sqrt(2 * energy(*state, *constants, k) / bodies.gamma))
+    # In Python, as it would take long to compile.
+    energy = of_surface.energy.py_func  # type: ignore[attr-defined]
+    rows = zip(state.T, np.stack([*constants, k], axis=1), strict=True)
+    energies = np.array([energy(tuple(y), tuple(q)) for y, q in rows])
+    return np.asarray(np.sqrt(2 * energies / bodies.gamma))
 
 
 def _horizon(

@@ -6,13 +6,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.design.config.schema import Config
 from rattlesweep.design.prepared import Bodies
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.model import (
-    FRICTION,
-    FRICTIONLESS,
-    MODELS,
-    SLIDING,
-    Model,
-)
+from rattlesweep.motion.model import Model, find_model
 from rattlesweep.physics import full, surface
 from rattlesweep.physics.surface import Surface
 from rattlesweep.quantities import CONSTANT_OF_SURFACE
@@ -36,17 +30,16 @@ def constants_of(bodies: Bodies) -> Floats:
 def model_of(config: Config) -> Model:
     """Return the equations that a sweep integrates; the model gh has none."""
     if config.model != "full":
-        return MODELS[config.model]
+        return find_model(config.model)
     return full_model_of(config)
 
 
 def full_model_of(config: Config) -> Model:
     """Return the equations of a config for `model: full`."""
-    name = surface.SURFACES[config.bodies.bottom].model
-    law = config.dissipation.law
-    model = FRICTIONLESS[name] if law is None else FRICTION[name, law]
+    words = [surface.SURFACES[config.bodies.bottom].model, config.dissipation.law]
     if config.dissipation.slides:
-        model = SLIDING[model.name]
+        words.append("sliding")
+    model = find_model("_".join(filter(None, words)))
     if "volume" in config.record and model.volume is None:
         raise ConfigError(
             f"record: the phase volume of {model.name} is not known; leave volume out"

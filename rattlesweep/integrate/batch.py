@@ -13,7 +13,7 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
-from rattlesweep.arrays import Flags, Floats, Integers, put, spread, take
+from rattlesweep.arrays import Flags, Floats, Integers, Places, put, spread, take
 from rattlesweep.integrate import SettingError, processors
 from rattlesweep.integrate.compile import Compiled, Kernel, Order, load_kernels
 from rattlesweep.integrate.lanes import kernel, looks, modes, runs, slides
@@ -23,11 +23,14 @@ from rattlesweep.integrate.lanes.marks import MARKS
 from rattlesweep.integrate.lanes.runs import SHAPES, Inputs, Outputs, Recording
 from rattlesweep.integrate.lanes.step import OPTIONS, SUBSTEPS, write_attempt
 from rattlesweep.integrate.lanes.tangents import tangents_of
-from rattlesweep.integrate.model import FRAME, FULL, TANGENT, Model, find_model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL, Tableau
 from rattlesweep.integrate.task import Control
-from rattlesweep.physics import stone, vectors
+from rattlesweep.motion.anywhere import from_slopes, to_slopes
+from rattlesweep.motion.chart import SLOPES
+from rattlesweep.motion.model import FULL, Model, compose, find_model
+from rattlesweep.physics import frame
+from rattlesweep.physics.surface import PARABOLOID
 
 # Largest change of the amplitude's logarithm that a fixed step may cause.
 MAX_DAMPING = 0.1
@@ -193,9 +196,9 @@ def threaded_kernel(
             "without dissipation on a paraboloid"
         )
     if "lyapunov" in record:
-        model = TANGENT
+        model = compose(SLOPES, PARABOLOID, tangents=1)
     if "spectrum" in record:
-        model = FRAME
+        model = compose(SLOPES, PARABOLOID, tangents=frame.N_TANGENTS)
     rim = ("rimmed",) if rimmed else ()
     work: Order = (work_recipe, model.name, tableau.adaptive, *rim)
     called = parts_of(tableau, model, record, rimmed=rimmed)
@@ -370,6 +373,17 @@ def has_settled(batch: Batch, outcome: Outcome) -> Flags:
     return settled
 
 
+@dataclass(frozen=True)
+class Settings:
+    """How a batch is integrated; see :func:`integrate`."""
+
+    tol: float = TOL
+    dt: float = DT
+    max_steps: int = MAX_STEPS
+    record: frozenset[str] = frozenset()
+    threads: int | None = None
+
+
 def integrate(
     batch: Batch,
     tableau: Tableau,
@@ -403,7 +417,8 @@ def integrate(
     max_steps : int
         Number of steps after which a run ends with `Status.STEP_LIMIT`.
     record : frozenset of str
-        Further observations, from :data:`RECORDS`, and ``spectrum``.
+        Further observations: names of :data:`RECORDINGS` and of marks, and
+        ``spectrum``.
     cost : ndarray, shape (runs,), optional
         Expected cost of the runs in any unit, by default from their horizons.  The most
         expensive runs start first.
@@ -418,65 +433,121 @@ def integrate(
         If Numba cannot load the threading layer that the environment names.
     """
     control = control or Control()
-    for name, simpler in model.without:
-        is_zero = lacks(batch, model, name)
-        if is_zero.any():
-            return _by_model(
-                batch,
-                tableau,
-                model,
-                simpler,
-                is_zero,
-                tol=tol,
-                dt=dt,
-                max_steps=max_steps,
-                longest_step=longest_step,
-                record=record,
-                cost=cost,
-                threads=threads,
-                control=control,
-            )
+    settings = Settings(tol, dt, max_steps, record, threads)
     if "spectrum" in record and longest_step is None:
         longest_step = longest_frame_steps(batch, tableau, tol)
-    count = 1
-    if parallel():
-        count = min(threads or available_threads(), config.NUMBA_NUM_THREADS)
     longest = np.full(len(batch), np.inf) if longest_step is None else longest_step
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
+
+    groups = by_own_model(batch, model)
+    shares = [len(rows) / max(1, len(batch)) for rows, _ in groups]
+    outcomes = []
+    for (rows, own), _ in zip(groups, control.divided(shares), strict=True):
+        part = with_model(take(batch, rows), model, own)
+        outcome = _run(
+            part, tableau, own, settings, longest[rows], price[rows], control
+        )
+        outcome = _repeated(
+            part, tableau, own, settings, outcome, longest[rows], control
+        )
+        outcomes.append(_completed(outcome, own, model))
+    if len(groups) == 1:
+        return outcomes[0]
+
+    is_first = np.zeros(len(batch), bool)
+    is_first[groups[0][0]] = True
+    whole = spread(outcomes[0], is_first)
+    for (rows, _), outcome in zip(groups[1:], outcomes[1:], strict=True):
+        put(outcome, whole, rows)
+    return replace(whole, stopped=any(outcome.stopped for outcome in outcomes))
+
+
+def by_own_model(batch: Batch, model: Model) -> list[tuple[Places, Model]]:
+    """Return the runs of each model, which lacks the constants that are zero for them.
+
+    A run has the bits of its own model, whichever others are beside it.
+    """
+    names = np.array(model.vanishing)
+    if not names.size or not len(batch):
+        return [(np.arange(len(batch)), model)]
+    named = model.named(batch.constants.T)
+    is_zero = np.array([named[name] == 0 for name in names])
+    kinds, kind_of = np.unique(is_zero, axis=1, return_inverse=True)
+    groups = []
+    for k, zero in enumerate(kinds.T):
+        own = model.without(names[zero]) if zero.any() else model
+        groups.append((np.flatnonzero(kind_of.ravel() == k), own))
+    return groups
+
+
+def with_model(batch: Batch, model: Model, own: Model) -> Batch:
+    """Return a batch of a model with the numbers that a simpler one needs."""
+    if own is model:
+        return batch
+    named = model.named(batch.constants.T)
+    constants = np.stack([named[name] for name in own.of_runs], axis=1)
+    components = [model.column(name) for name in own.components]
+    return replace(batch, y0=batch.y0[:, components], constants=constants)
+
+
+def _run(
+    batch: Batch,
+    tableau: Tableau,
+    model: Model,
+    settings: Settings,
+    longest_step: Floats,
+    price: Floats,
+    control: Control,
+) -> Outcome:
+    """Integrate runs by the equations of one model."""
+    count = 1
+    if parallel():
+        count = min(settings.threads or available_threads(), config.NUMBA_NUM_THREADS)
     control.start(count, price)
     outputs = outputs_of(len(batch), model)
-    recording = recording_of(len(batch), record)
+    recording = recording_of(len(batch), settings.record)
     if len(batch):
         order = np.argsort(-price, kind="stable")
-        inputs = inputs_of(batch, tableau, tol, dt, cost=price, longest_step=longest)
-        options = options_of(tableau, tol, dt, max_steps)
+        inputs = inputs_of(
+            batch,
+            tableau,
+            settings.tol,
+            settings.dt,
+            cost=price,
+            longest_step=longest_step,
+        )
+        options = options_of(tableau, settings.tol, settings.dt, settings.max_steps)
         rimmed = can_reach_rim(batch, model)
-        call = threaded_kernel(tableau.name, model.name, record, rimmed=rimmed)
+        call = threaded_kernel(tableau.name, model.name, settings.record, rimmed=rimmed)
         with holding(count):
             written = control.progress, outputs, recording
             call(count, (control.shared, order, inputs, options, *written))
-    outcome = _outcome(batch, model, tableau, dt, outputs, recording)
-    failed = np.isin(outcome.status, LEFT_CHART)
-    if model.anywhere is None or not failed.any():
+    return _outcome(batch, model, tableau, settings.dt, outputs, recording)
+
+
+def _repeated(
+    batch: Batch,
+    tableau: Tableau,
+    model: Model,
+    settings: Settings,
+    outcome: Outcome,
+    longest_step: Floats,
+    control: Control,
+) -> Outcome:
+    """Repeat the runs of an outcome that have left the chart of their variables.
+
+    The repetition begins at the launch, so that a run depends on its own numbers alone.
+    """
+    rows = np.flatnonzero(np.isin(outcome.status, LEFT_CHART))
+    there = model.anywhere
+    if there is None or not rows.size:
         return outcome
-    # The repetition begins at the launch, so that a run depends on its own numbers
-    # alone.
-    rows = np.flatnonzero(failed)
     control.repeat()
-    again = integrate(
-        anywhere(take(batch, rows)),
-        tableau,
-        model.anywhere,
-        tol=tol,
-        dt=dt,
-        max_steps=max_steps,
-        longest_step=longest[rows],
-        record=record,
-        threads=threads,
-        control=control,
-    )
-    y_end = vectors.to_slopes(again.y_end)[:, : model.n_state]
-    put(replace(again, y_end=y_end), outcome, rows)
+    part = anywhere(take(batch, rows), model)
+    price = part.t_end * part.swing
+    again = _run(part, tableau, there, settings, longest_step[rows], price, control)
+    again = replace(again, y_end=to_slopes(model, again.y_end))
+    put(again, outcome, rows)
     return replace(outcome, stopped=outcome.stopped or again.stopped)
 
 
@@ -488,75 +559,25 @@ def can_reach_rim(batch: Batch, model: Model) -> bool:
     """
     has_rim = np.isfinite(batch.rim)
     if has_rim.any() and model.anywhere is not None:
-        inverse_semi_axis = batch.constants[:, stone.N_CONSTANTS - 1]
+        inverse_semi_axis = model.named(batch.constants.T)["k"]
         has_rim &= batch.rim * inverse_semi_axis < 1 - 1e-12
     return bool(has_rim.any())
 
 
-def lacks(batch: Batch, model: Model, name: str) -> Flags:
-    """Return which bodies have zero for a constant."""
-    is_zero: Flags = model.named(batch.constants.T)[name] == 0
-    return is_zero
-
-
-def simplified(batch: Batch, model: Model, simpler: Model) -> Batch:
-    """Return a batch with the constants of a simpler model."""
-    named = model.named(batch.constants.T)
-    constants = np.stack([named[name] for name in simpler.of_runs], axis=1)
-    return replace(batch, constants=constants)
-
-
-def simplest(batch: Batch, model: Model) -> tuple[Batch, Model]:
-    """Return a batch with the simplest model of all its bodies."""
-    for name, simpler in model.without:
-        if lacks(batch, model, name).all():
-            return simplest(simplified(batch, model, simpler), simpler)
-    return batch, model
-
-
-def _completed(outcome: Outcome, model: Model) -> Outcome:
+def _completed(outcome: Outcome, own: Model, model: Model) -> Outcome:
     """Return the outcome of a simpler model with what another one adds to it."""
-    count, own = outcome.y_end.shape
-    more = np.zeros((count, model.n_state - own))
-    outcome = replace(outcome, y_end=np.hstack([outcome.y_end, more]))
-    if model.pivot is None or outcome.held_time.size == count:
+    if own is model:
+        return outcome
+    count = len(outcome.y_end)
+    y_end = np.zeros((count, model.n_state))
+    y_end[:, [model.column(name) for name in own.components]] = outcome.y_end
+    outcome = replace(outcome, y_end=y_end)
+    if model.pivot is None or own.pivot is not None:
         return outcome
     none = np.zeros(count)
     return replace(
         outcome, t_held=np.full(count, np.nan), held_time=none, pivot_work=none.copy()
     )
-
-
-def _by_model(
-    batch: Batch,
-    tableau: Tableau,
-    model: Model,
-    simpler: Model,
-    is_zero: Flags,
-    *,
-    longest_step: Floats | None,
-    cost: Integers | None,
-    control: Control,
-    **settings: Any,
-) -> Outcome:
-    """Integrate some runs by a simpler model, as without the others beside them."""
-    zero_rows = np.flatnonzero(is_zero)
-    other_rows = np.flatnonzero(~is_zero)
-    parts = (
-        (zero_rows, simplified(take(batch, zero_rows), model, simpler), simpler),
-        (other_rows, take(batch, other_rows), model),
-    )
-    outcomes = []
-    stages = control.divided(float(is_zero.mean()))
-    for (rows, part, own_model), _ in zip(parts, stages, strict=True):
-        own: dict[str, Any] = dict(settings)
-        for name, values in (("longest_step", longest_step), ("cost", cost)):
-            own[name] = None if values is None else take(values, rows)
-        outcomes.append(integrate(part, tableau, own_model, control=control, **own))
-    of_simpler, of_others = outcomes
-    outcome = spread(_completed(of_simpler, model), is_zero)
-    put(of_others, outcome, other_rows)
-    return replace(outcome, stopped=of_simpler.stopped or of_others.stopped)
 
 
 def longest_frame_steps(batch: Batch, tableau: Tableau, tol: float) -> Floats:
@@ -579,9 +600,9 @@ def longest_frame_steps(batch: Batch, tableau: Tableau, tol: float) -> Floats:
     return steps
 
 
-def anywhere(batch: Batch) -> Batch:
+def anywhere(batch: Batch, model: Model) -> Batch:
     """Return a batch of slopes in the variables of :attr:`Model.anywhere`."""
-    y0, constants = vectors.from_slopes(batch.y0, batch.constants)
+    y0, constants = from_slopes(model, batch.y0, batch.constants)
     return replace(batch, y0=y0, constants=constants)
 
 

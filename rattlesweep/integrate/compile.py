@@ -131,7 +131,9 @@ def source_hash() -> str:
     from llvmlite import binding
     from numba import config
 
-    files = _sources(PACKAGE / "integrate") | _sources(PACKAGE / "physics")
+    files: dict[str, bytes] = {}
+    for room in ("integrate", "motion", "physics"):
+        files |= _sources(PACKAGE / room)
     features = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()
     versions = sys.version, numba.__version__, llvmlite.__version__
     settings = [(key, repr(getattr(config, key, None))) for key in NUMBA_SETTINGS]

@@ -16,7 +16,6 @@ from typing import NamedTuple, Self, cast
 import numpy as np
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.integrate import attitude as rotations
 from rattlesweep.integrate import batch as batches
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.compile import Kernel, Order, load_kernels
@@ -34,9 +33,11 @@ from rattlesweep.integrate.lanes.lane import (
     widest_vectors,
 )
 from rattlesweep.integrate.lanes.statuses import OK
-from rattlesweep.integrate.model import ATTITUDES, Model, find_model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, TOL, Tableau
+from rattlesweep.motion import rotations
+from rattlesweep.motion.chart import ANYWHERE
+from rattlesweep.motion.model import Model, find_model
 
 STEPS_PER_CALL = 2048  # a few milliseconds, after which Python can act on Ctrl-C
 MOST_ZEROS = 256  # in a call
@@ -226,7 +227,7 @@ def states_recipe(model_name: str) -> Kernel:
 
 
 def observe_recipe(model_name: str) -> Kernel:
-    """Return :func:`observe` of a model."""
+    """Return :func:`observe_samples` of a model."""
     problem = batches.problem_of(find_model(model_name), True)
     tables = batches.TABLE, batches.TABLE, batches.FLAT, batches.FLAT, batches.TABLE
     return Kernel(observe_samples, (problem, *tables), FOLLOW_OPTIONS)
@@ -307,10 +308,13 @@ class Follower:
         if look is not None:
             # The contact is only watched for one who looks.
             self._recorded.add("contact")
-        batch, model = batches.simplest(batch, model)
+        ((_, own),) = batches.by_own_model(batch, model)
+        batch = batches.with_model(batch, model, own)
+        model = own
         self._start(batch, model, attitude)
-        if model.anywhere is not None:
-            self._look_ahead(batch, model.anywhere, attitude)
+        there = model.anywhere
+        if there is not None:
+            self._look_ahead(batch, there, attitude)
         self._look = look
         if look is not None:
             look(self.launch(), self.observe(self.launch()), self._extremes)
@@ -332,7 +336,7 @@ class Follower:
                 too_long = True
                 self._ahead.clear()
         if status in batches.LEFT_CHART:
-            self._start(batches.anywhere(batch), anywhere, attitude)
+            self._start(batches.anywhere(batch, self.model), anywhere, attitude)
         elif too_long:
             self._start(batch, self.model, attitude)
 
@@ -350,7 +354,7 @@ class Follower:
         self._batch = batch
         self.constants = model.named(batch.constants[0])
         tableau = self._tableau
-        self._models = [model, ATTITUDES[model.name]] if attitude else [model]
+        self._models = [model, model.with_attitude] if attitude else [model]
         rimmed = batches.can_reach_rim(batch, model)
         rim = ("rimmed",) if rimmed else ()
         record: Order = (steps_recipe, model.name, tableau.adaptive, *rim)
@@ -394,7 +398,7 @@ class Follower:
         self._extremes = launch.extremes
         self.energy_0 = stored.energy_0
         self._extra = np.zeros((1, self._models[-1].n_extra))
-        self._in_any_position = attitude and model.surface is None
+        self._in_any_position = attitude and model.chart is ANYWHERE
         if self._in_any_position:
             self._extra = rotations.at_launch(batch.y0[0, :3])
         self._launch = self._samples(0, 1)

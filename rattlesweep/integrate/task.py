@@ -61,14 +61,19 @@ class Control:
         """Announce a kernel that repeats runs which the last one has counted."""
         self.stage(self._span[1], self._span[1])
 
-    def divided(self, share: float) -> Iterator[None]:
-        """Divide the present stage at a share of its work, and announce both parts."""
+    def divided(self, shares: Sequence[float]) -> Iterator[None]:
+        """Divide the present stage by shares of its work, and announce each part."""
+        if len(shares) == 1:
+            yield
+            return
         low, high = self._span
         counts = self._counts
-        middle = low + share * (high - low)
-        for begin, end in ((low, middle), (middle, high)):
+        begin = low
+        for share in shares:
+            end = begin + share * (high - low)
             self.stage(begin, end, ends=counts)
             yield
+            begin = end
 
     def count_ended(self, runs: int) -> None:
         """Count runs as done because no further kernel integrates them."""

@@ -71,7 +71,13 @@ _CHANNELS = (
 )
 # Columns of the longer runs.
 _BEYOND = ("t_end", "lyapunov_late", "kaplan_yorke", "regime")
-volume_rate = vectorize(smooth_volume.py_func)
+
+
+@vectorize
+def volume_rate(ux, uy, uz, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    """Return the rate of phase volume of states of a paraboloid."""
+    y = ux, uy, uz, a, b, c
+    return smooth_volume(y, (ix, iy, iz), (cxx, cxy, cyy, 0.0), 0.0)
 
 
 def reversals(_: Workspace) -> Tables:
@@ -333,9 +339,7 @@ def volume_numbers(table: pd.DataFrame, body: Rattleback) -> dict[str, float]:
     constants = full.constants(*(getattr(body, name) for name in PARAMETERS))
     t = table["t"].to_numpy()
     state = table[[*_STATE]].to_numpy().T
-    volume = cumulative_trapezoid(
-        volume_rate(*state, *constants, 0.0, 0.0), t, initial=0
-    )
+    volume = cumulative_trapezoid(volume_rate(*state, *constants), t, initial=0)
     half = t[-1] / 2
     rates = (
         np.diff(np.interp(np.linspace(half, t[-1], _PARTS + 1), t, volume))

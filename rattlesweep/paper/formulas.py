@@ -260,7 +260,7 @@ def slow_spin(_: Made) -> Measured:
     # Eq. 75 with n = S, E_p = (I/2) P^2, E_r = (I/2) R^2, t = (2/K_r) tau.
     p, r, s = np.random.default_rng(2017).normal(size=(3, CHECKED_BODIES))
     rates = reduced.rhs.py_func(
-        s, gamma / 2 * p**2, gamma / 2 * r**2, modes.K_p, modes.K_r, gamma
+        (s, gamma / 2 * p**2, gamma / 2 * r**2), (modes.K_p, modes.K_r, gamma)
     )
     spin, pitch, roll = (2 / modes.K_r * np.asarray(rate) for rate in rates)
     ratio = (modes.omega_p / modes.omega_r) ** 2
@@ -337,7 +337,7 @@ def bondi(_: Made) -> Measured:
     spins = np.random.default_rng(2017).normal(size=2 * CHECKED_BODIES).tolist()
     both = np.concatenate([full.constants(*body) for body in bodies], axis=1)
     moved = max(
-        max(map(abs, full.rhs.py_func(0.0, 0.0, 0.0, 0.0, spin, *constants)))
+        max(map(abs, full.rhs.py_func((0.0, 0.0, 0.0, 0.0, spin), constants)))
         for spin, constants in zip(spins, both.T.tolist(), strict=True)
     )
     checks = [

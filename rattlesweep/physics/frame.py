@@ -33,9 +33,9 @@ def _split(frame):
 def _of_each(formula, y, dy, frame, q):
     """Return a formula of `physics.tangent` for each tangent."""
     first, second, third = _split(frame)
-    of_first = formula(*(y + dy + first + q))
-    of_second = formula(*(y + dy + second + q))
-    of_third = formula(*(y + dy + third + q))
+    of_first = formula(y, dy, first, q)
+    of_second = formula(y, dy, second, q)
+    of_third = formula(y, dy, third, q)
     return of_first + of_second + of_third
 
 
@@ -54,7 +54,7 @@ def transverse(y, dy, frame, q):
 @scalar
 def seed(y, q):
     """Return a frame whose first tangent is that of `tangent.seed`."""
-    first = tangent.seed(*(y + q))
+    first = tangent.seed(y, q)
     p, q1, a, b, _ = first
     second = p, -2.0 * q1, 0.5 * a, -b, 0.0
     third = -0.5 * p, q1, 2.0 * a, -b, 0.0
@@ -131,7 +131,7 @@ def solve(frame, triangle):
 def trivial(y, dy, q):
     """Return the squared norms of the flow and of the gradient of the energy."""
     ix, iy, iz, cxx, cxy, cyy = q
-    ep, eq, ea, eb, ec = tangent.gradient(*(y + q))
+    ep, eq, ea, eb, ec = tangent.gradient(y, q)
     bxx = 1.0 + cxx
     byy = 1.0 + cyy
     # The norm of a gradient is that of the inverse matrix.
@@ -142,4 +142,4 @@ def trivial(y, dy, q):
         + eb * eb / (iy + 1.0)
         + ec * ec / iz
     )
-    return tangent.square(*(dy + q)), steep
+    return tangent.square(dy, q), steep

@@ -41,6 +41,7 @@ scalar = njit(
 # Added to a divisor, it prevents a division by zero, as in empty lanes, and changes no
 # other result.
 TINY = 1e-290
+NO_FORCE = 0.0, 0.0, 0.0
 
 
 def constants(
@@ -65,35 +66,47 @@ def constants(
 
 
 @scalar
-def slope_rate(p, q, a, b, c):
+def slope_rate(y):
     """Return ``dp/dt, dq/dt`` (Eq. 10 for the slope) and ``m = p b - q a``."""
+    p, q, a, b, c = y[:5]
     m = p * b - q * a
     return q * c - b - p * m, a - p * c - q * m, m
 
 
 @scalar
-def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k=0.0):
-    """Return the contact (Eqs. 4 and 8): ``fx, fy, rise, wx, wy, wz, u_z``.
+def paraboloid(y, slope_rates, shape):
+    """Return the contact (Eqs. 4 and 8): ``(fx, fy, rise), w, u_z``.
 
-    The contact point is ``r = (p + fx, q + fy, 1 - rise)``.  In ``w = r x omega -
-    dr/dt`` the terms that cancel are left out.  The constant ``k``, which other
-    surfaces have, is not used.
+    ``slope_rates`` are those of :func:`slope_rate`.  The contact point is ``r = (p +
+    fx, q + fy, 1 - rise)``.  In ``w = r x omega - dr/dt`` the terms that cancel are
+    left out.  A fourth constant of the shape, which other surfaces have, is not used.
     """
+    p, q, a, b, c = y[:5]
+    dp, dq, m = slope_rates
+    cxx, cxy, cyy = shape[:3]
     fx = cxx * p + cxy * q
     fy = cxy * p + cyy * q
     x = p + fx
-    y = q + fy
-    rise = 0.5 * (x * p + y * q)
+    y_ = q + fy
+    rise = 0.5 * (x * p + y_ * q)
     twist = fx * q - fy * p
     wx = fy * c + rise * b + p * m - (cxx * dp + cxy * dq)
     wy = q * m - rise * a - fx * c - (cxy * dp + cyy * dq)
     wz = c * twist - 2.0 * m * rise
     uz = -1.0 / sqrt(1.0 + p * p + q * q)
-    return fx, fy, rise, wx, wy, wz, uz
+    return (fx, fy, rise), (wx, wy, wz), uz
 
 
 @scalar
-def solve_rates(x, y, z, ix, iy, iz, tx, ty, tz, product):
+def contact_point(y, touch):
+    """Return the contact point ``r`` of a contact, as :func:`paraboloid` returns it."""
+    p, q = y[:2]
+    (fx, fy, rise), _, _ = touch
+    return p + fx, q + fy, 1.0 - rise
+
+
+@scalar
+def solve_rates(r, inertia, torque, product):
     """Return ``J^-1 T``, with ``J`` on the left side of Eq. 11, and the inverse used.
 
     ``J = D - r r^T`` with ``D = I + r^2``; by the formula of Sherman and Morrison
@@ -106,6 +119,9 @@ def solve_rates(x, y, z, ix, iy, iz, tx, ty, tz, product):
     ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)`` and ``D^-1 = ivol diag(dyz, dzx,
     dxy)``.
     """
+    x, y, z = r
+    ix, iy, iz = inertia
+    tx, ty, tz = torque
     r2 = x * x + y * y + z * z
     dx, dy, dz = ix + r2, iy + r2, iz + r2
     dyz, dzx, dxy = dy * dz, dz * dx, dx * dy
@@ -124,64 +140,71 @@ def solve_rates(x, y, z, ix, iy, iz, tx, ty, tz, product):
 
 
 @scalar
-def moments(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz):
+def moments(y, inertia, torque, touch):
     """Return parts of the torque about the contact point, and ``omega x w`` (Eq. 11).
 
-    They are: the gyroscopic torque, to which a further one ``(lx, ly, lz)`` is added;
-    the same with that by the motion of the contact point; gravity's over ``u_z``, ``g
-    = r x (p, q, 1)``.
+    They are: the gyroscopic torque, to which a further ``torque`` is added; the same
+    with that by the motion of the contact point; gravity's over ``u_z``, ``g = r x (p,
+    q, 1)``.
     """
-    x, y, z = p + fx, q + fy, 1.0 - rise
+    p, q, a, b, c = y[:5]
+    ix, iy, iz = inertia
+    lx, ly, lz = torque
+    (fx, fy, rise), (wx, wy, wz), _ = touch
+    x, y_, z = p + fx, q + fy, 1.0 - rise
     twist = fx * q - fy * p
     kx, ky, kz = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
     gx, gy, gz = (iy - iz) * b * c + lx, (iz - ix) * c * a + ly, (ix - iy) * a * b + lz
-    tx = gx + (y * kz - z * ky)
+    tx = gx + (y_ * kz - z * ky)
     ty = gy + (z * kx - x * kz)
-    tz = gz + (x * ky - y * kx)
+    tz = gz + (x * ky - y_ * kx)
     gravity = fy + q * rise, -(fx + p * rise), twist
     return (gx, gy, gz), (tx, ty, tz), gravity, (kx, ky, kz)
 
 
 @scalar
-def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):
-    """Return ``domega/dt`` (Eq. 11) and the inverse used.
+def acceleration(y, inertia, torque, touch, weight=1.0):
+    """Return ``domega/dt`` (Eq. 11) under a further torque, and the inverse used.
 
-    ``(lx, ly, lz)`` is a further torque.
+    ``weight`` is that of the body, in ``M g``.
     """
-    x, y, z = p + fx, q + fy, 1.0 - rise
-    (gx, gy, gz), (tx, ty, tz), (vx, vy, vz), _ = moments(
-        p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz
-    )
-    tx, ty, tz = tx + uz * vx, ty + uz * vy, tz + uz * vz
-    return solve_rates(x, y, z, ix, iy, iz, tx, ty, tz, x * gx + y * gy + z * gz)
+    r = x, y_, z = contact_point(y, touch)
+    (gx, gy, gz), (tx, ty, tz), (vx, vy, vz), _ = moments(y, inertia, torque, touch)
+    _, _, uz = touch
+    pull = weight * uz
+    whole = tx + pull * vx, ty + pull * vy, tz + pull * vz
+    return solve_rates(r, inertia, whole, x * gx + y_ * gy + z * gz)
 
 
 @scalar
-def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
+def rhs(y, constants):
     """Return the time derivative of the state (Eqs. 10 and 11)."""
-    dp, dq, m = slope_rate(p, q, a, b, c)
-    fx, fy, rise, wx, wy, wz, uz = paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
-    rates, _ = acceleration(
-        p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz
-    )
+    dp, dq, m = slope_rate(y)
+    touch = paraboloid(y, (dp, dq, m), constants[3:])
+    rates, _ = acceleration(y, constants[:3], (0.0, 0.0, 0.0), touch)
     return (dp, dq) + rates  # noqa: RUF005
 
 
 @scalar
-def spin(p, q, a, b, c):
+def spin(y):
     """Return the spin ``n = u . omega`` (Eq. 46), in ``sqrt(g/a)``."""
+    p, q, a, b, c = y[:5]
     return -(p * a + q * b + c) / sqrt(1.0 + p * p + q * q)
 
 
 @scalar
-def spin_rate(p, q, da, db, dc):
+def spin_rate(y, dy):
     """Return ``dn/dt = u . domega/dt``, as ``(u x omega) . omega`` is zero."""
+    p, q = y[:2]
+    _, _, da, db, dc = dy[:5]
     return -(p * da + q * db + dc) / sqrt(1.0 + p * p + q * q)
 
 
 @scalar
-def oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy):
+def oscillation(y, constants):
     """Return twice the energy of the oscillation to second order, in ``M g a``."""
+    p, q, a, b = y[:4]
+    ix, iy, _, cxx, cxy, cyy = constants[:6]
     return (
         (ix + 1.0) * a * a
         + (iy + 1.0) * b * b
@@ -192,17 +215,19 @@ def oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy):
 
 
 @scalar
-def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k=0.0):
+def energy(y, constants):
     """Return the energy in ``M g a``, which is zero upright at rest.
 
-    The potential loses no digits there.  The constant ``k`` is not used.
+    The potential loses no digits there.
     """
+    p, q, a, b, c = y[:5]
+    ix, iy, iz, cxx, cxy, cyy = constants[:6]
     fx = cxx * p + cxy * q
     fy = cxy * p + cyy * q
     x = p + fx
-    y = q + fy
-    z = 1.0 - 0.5 * (x * p + y * q)
-    vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
+    y_ = q + fy
+    z = 1.0 - 0.5 * (x * p + y_ * q)
+    vx, vy, vz = y_ * c - z * b, z * a - x * c, x * b - y_ * a
     tilt = p * p + q * q
     root = sqrt(1.0 + tilt)
     lift = tilt / (1.0 + root)
@@ -214,35 +239,45 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k=0.0):
 
 
 @scalar
-def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):
+def force(u, omega, rates, r, r_rate, v, weight=1.0, applied=NO_FORCE):
     """Return ``F . u`` and ``(F - (F . u) u)^2`` of the contact force (Eq. 1).
 
-    The contact point ``r = (x, y, z)`` has the derivative ``(xd, yd, zd)``, and ``v = r
-    x omega``. ``F . u`` is negative where the plane would have to pull.
+    The contact point ``r`` has the derivative ``r_rate``, ``omega`` the derivative
+    ``rates``, and ``v = r x omega``.  Beside the ``weight``, the force ``applied`` acts
+    at the centre of mass.  ``F . u`` is negative where the plane would have to pull.
     """
+    px, py, pz = applied
+    ux, uy, uz = u
+    a, b, c = omega
+    da, db, dc = rates
+    x, y, z = r
+    xd, yd, zd = r_rate
+    vx, vy, vz = v
     # dv/dt in space: the derivative in the body frame plus omega x v (Eqs. 3 and 9).
-    gx = (yd * c - zd * b) + (y * dc - z * db) + (b * vz - c * vy)
-    gy = (zd * a - xd * c) + (z * da - x * dc) + (c * vx - a * vz)
-    gz = (xd * b - yd * a) + (x * db - y * da) + (a * vy - b * vx)
+    gx = (yd * c - zd * b) + (y * dc - z * db) + (b * vz - c * vy) - px
+    gy = (zd * a - xd * c) + (z * da - x * dc) + (c * vx - a * vz) - py
+    gz = (xd * b - yd * a) + (x * db - y * da) + (a * vy - b * vx) - pz
     lift = gx * ux + gy * uy + gz * uz
     hx, hy, hz = gx - lift * ux, gy - lift * uy, gz - lift * uz
-    return 1.0 + lift, hx * hx + hy * hy + hz * hz
+    return weight + lift, hx * hx + hy * hy + hz * hz
 
 
 @scalar
-def contact_force(p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy):
+def contact_force(y, dy, constants):
     """Return the contact force, as :func:`force` does, from the derivative."""
+    p, q, a, b, c = y[:5]
+    dp, dq, da, db, dc = dy[:5]
+    cxx, cxy, cyy = constants[3:6]
     x = p + cxx * p + cxy * q
-    y = q + cxy * p + cyy * q
-    z = 1.0 - 0.5 * (x * p + y * q)
+    y_ = q + cxy * p + cyy * q
+    z = 1.0 - 0.5 * (x * p + y_ * q)
     xd = dp + cxx * dp + cxy * dq
     yd = dq + cxy * dp + cyy * dq
-    zd = -(x * dp + y * dq)
-    vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
+    zd = -(x * dp + y_ * dq)
+    v = y_ * c - z * b, z * a - x * c, x * b - y_ * a
     uz = -1.0 / sqrt(1.0 + p * p + q * q)
-    return force(
-        p * uz, q * uz, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz
-    )
+    u = p * uz, q * uz, uz
+    return force(u, (a, b, c), (da, db, dc), (x, y_, z), (xd, yd, zd), v)
 
 
 @scalar
@@ -272,11 +307,12 @@ def track_at(u, omega, r, w, heading):
 
 
 @scalar
-def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
+def track(y, heading, touch):
     """Return what :func:`track_at` does, for a slope and its contact."""
+    p, q, a, b, c = y[:5]
+    _, w, uz = touch
     u = p * uz, q * uz, uz
-    r = p + fx, q + fy, 1.0 - rise
-    return track_at(u, (a, b, c), r, (wx, wy, wz), heading)
+    return track_at(u, (a, b, c), contact_point(y, touch), w, heading)
 
 
 def to_vectors(state: Floats) -> tuple[Floats, Floats]:

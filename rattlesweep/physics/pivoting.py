@@ -13,22 +13,20 @@ law in each point of a circular patch under Hertz's pressure, with the radius ``
 """
 
 # mypy: disable-error-code="no-untyped-def"
-from collections.abc import Callable
 from math import asin, exp, pi, sqrt
-from typing import Any
 
+from rattlesweep.physics import vectors
 from rattlesweep.physics.full import TINY, scalar
 from rattlesweep.physics.stone import (
     dot,
     multiplied,
     resisted,
-    rolling_couples,
+    rolling_resistance,
     solve_again,
     triple,
     without_grip,
 )
 
-N_STATE = 7  # with the work of all friction and that of pivoting
 # Rate, in sqrt(g/a), at which rounding errors of a spin that is held decay.
 RETURN = 1.0
 # Where spin and speed of sliding are small, the decay of the spin is stiff.  So the
@@ -111,6 +109,23 @@ def sliding_drag(u, n, lever, creep, least):
 
 
 @scalar
+def patch_torque(place, own):
+    """Return what :func:`sliding_drag` does, for an action; ``least`` is its sense."""
+    lever, least = own
+    return sliding_drag(place.u, dot(place.u, place.omega), lever, place.creep, least)
+
+
+@scalar
+def sliding_power(placed, normal):
+    """Return the power of pivoting while the body slides.
+
+    Of all torques in proportion to the normal force, it has the part along the
+    vertical.
+    """
+    return normal * dot(placed.drag, placed.u) * dot(placed.u, placed.omega)
+
+
+@scalar
 def with_torque(u, omega, rates, normal, j, lift, lever, sense):
     """Return ``domega/dt`` with the torque along ``u``, it, and the normal force.
 
@@ -143,9 +158,9 @@ def rolling_and_pivoting(u, omega, r, w, rates, solved, loss):
 
     The resistance and the torque both depend on the normal force, and change it.
     """
-    _, _, _, lever, sense = loss
+    _, rolling, eps, lever, sense = loss
     normal = normal_of(u, omega, r, w, rates)
-    _, drag = rolling_couples(u, omega, loss[:3], 0.0)
+    drag = rolling_resistance(u, omega, rolling, eps)
     roll = a1, b1, c1 = solve_again(r, drag, solved)
     # With the resistance: the normal force and the rates it causes.
     kept = 1.0 - triple(u, r, roll)
@@ -171,7 +186,7 @@ def pivoting_parts(contact, y, inertia, shape, loss):
     power of the other friction, and that of the torque.
     """
     p, q, a, b, c = y[:5]
-    sigma, _, _, lever, sense = loss
+    sigma, lever, sense = loss
     place, power, root, det, solver, g, sink, rates = without_grip(
         contact, y, inertia, shape, sigma
     )
@@ -247,31 +262,41 @@ def rolling_parts(contact, y, inertia, shape, loss):
     return (dp, dq), changed, torque, normal, power, -torque * (turn * part)
 
 
-def rhs_of(parts: Callable[..., Any]) -> Callable[..., Any]:
+@scalar
+def parts_anywhere(contact, y, inertia, shape, loss):
+    """Return what :func:`rolling_parts` does, for a body in any position."""
+    u, omega = vectors.position(y)
+    sigma = loss[0]
+    r, rho = contact(u, shape)
+    rates, _, w, solved = vectors.smooth_rates(u, omega, r, rho, shape, inertia, sigma)
+    changed, torque, normal, rolled = rolling_and_pivoting(
+        u, omega, r, w, rates, solved, loss
+    )
+    power = rolled - sigma * dot(omega, omega)
+    taken = torque * dot(u, omega)
+    return vectors.turning(y), changed, torque, normal, power, taken
+
+
+@scalar
+def rates_of(parts):
     """Return the derivative of the state, the work and the work of pivoting."""
-
-    @scalar
-    def rhs(contact, y, inertia, shape, loss):
-        place, changed, _, _, power, taken = parts(contact, y, inertia, shape, loss)
-        return place + changed + (power + taken, taken)
-
-    formula: Callable[..., Any] = rhs
-    return formula
+    place, changed, _, _, power, taken = parts
+    return place + changed + (power + taken, taken)
 
 
 @scalar
-def pivoting_couples(u, omega, loss, creep):
-    """Return the couples on a body that slides: viscous, and of the patch."""
-    sigma, _, _, lever, least = loss
-    a, b, c = omega
-    drag = sliding_drag(u, dot(u, omega), lever, creep, least)
-    return (-sigma * a, -sigma * b, -sigma * c), drag
+def pivoting_rhs(contact, y, inertia, shape, loss):
+    """Return the derivative of the state and both works with the torque alone."""
+    return rates_of(pivoting_parts(contact, y, inertia, shape, loss))
 
 
 @scalar
-def rolling_pivoting_couples(u, omega, loss, creep):
-    """Return what :func:`pivoting_couples` does, with rolling resistance."""
-    couple, (rx, ry, rz) = rolling_couples(u, omega, loss[:3], 0.0)
-    _, _, _, lever, least = loss
-    px, py, pz = sliding_drag(u, dot(u, omega), lever, creep, least)
-    return couple, (rx + px, ry + py, rz + pz)
+def rolling_rhs(contact, y, inertia, shape, loss):
+    """Return what :func:`pivoting_rhs` does, with rolling resistance."""
+    return rates_of(rolling_parts(contact, y, inertia, shape, loss))
+
+
+@scalar
+def rhs_anywhere(contact, y, inertia, shape, loss):
+    """Return what :func:`rolling_rhs` does, for a body in any position."""
+    return rates_of(parts_anywhere(contact, y, inertia, shape, loss))

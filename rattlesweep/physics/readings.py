@@ -10,7 +10,6 @@ import numpy as np
 from scipy.optimize import brentq
 
 from rattlesweep.arrays import Floats
-from rattlesweep.physics.surface import Surface, in_python
 from rattlesweep.physics.theory import Modes
 
 _STEEPEST = 1e3  # slope up to which a body is tilted to find its turning point
@@ -36,14 +35,6 @@ def contact_point(p: Floats, q: Floats, shape: Shape) -> Floats:
     square = x * p + y * q
     rho = np.sqrt(1 + k * square)
     return np.array([x / rho, y / rho, 1 - square / (rho + rho**2)])
-
-
-def contact_point_on(surface: Surface, p: Floats, q: Floats, shape: Shape) -> Floats:
-    """Return the contact point on any surface, shape (3, ...), from its formula."""
-    at_rest = (0.0,) * 6
-    contact = in_python(surface.contact, 7)
-    fx, fy, rise, *_ = contact(p, q, *at_rest, *shape)
-    return np.array([p + fx, q + fy, 1 - rise])
 
 
 def mode_energy(

@@ -16,14 +16,18 @@ CONSTANTS = "k_p", "k_r", "inertia"
 
 
 @scalar
-def rhs(n, e_p, e_r, k_p, k_r, inertia):
+def rhs(y, constants):
     """Return the time derivatives of ``n, E_p, E_r`` (Eqs. 47-49)."""
+    n, e_p, e_r = y
+    k_p, k_r, inertia = constants
     return (k_r * e_r - k_p * e_p) / inertia, k_p * n * e_p, -k_r * n * e_r
 
 
 @scalar
-def energy(n, e_p, e_r, k_p, k_r, inertia):
+def energy(y, constants):
     """Return the conserved energy ``E_tot`` (Eq. 50), in ``M g a``."""
+    n, e_p, e_r = y
+    _, _, inertia = constants
     return 0.5 * inertia * n * n + e_p + e_r
 
 

@@ -20,7 +20,7 @@ sin(angle) h_2``.  Its rate grows as ``1/s``: near ``s = 0`` the angle is stiff.
 from math import atan2, cos, sqrt
 from typing import NamedTuple
 
-from rattlesweep.physics.full import scalar, track_at
+from rattlesweep.physics.full import NO_FORCE, scalar, track_at
 from rattlesweep.physics.stone import dot, triple
 
 
@@ -123,10 +123,11 @@ def divided(v, inertia):
 
 
 @scalar
-def contact_at(u, omega, r, w, inertia, torque, drag):
+def contact_at(u, omega, r, w, inertia, torque, drag, weight=1.0, force=NO_FORCE):
     """Return the :class:`Contact`, and ``I^-1 g`` with the gyroscopic torque in ``g``.
 
-    ``torque + F_n drag`` is the torque of friction apart from sliding.
+    ``torque + F_n drag`` is the torque of all but the contact force, and ``force`` is
+    what acts at the centre of mass beside the ``weight``.
     """
     ix, iy, iz = inertia
     a, b, c = omega
@@ -138,7 +139,10 @@ def contact_at(u, omega, r, w, inertia, torque, drag):
         (ix - iy) * a * b + torque[2],
     )
     own = divided(gyro, inertia)
-    curl = cross(omega, w)
+    # Minus the acceleration of the contact point at a constant angular velocity.
+    cx, cy, cz = cross(omega, w)
+    fx, fy, fz = force
+    curl = cx - fx, cy - fy, cz - fz
     lever_u = cross(r, u)
     lever_1 = cross(r, first)
     lever_2 = cross(r, second)
@@ -147,7 +151,7 @@ def contact_at(u, omega, r, w, inertia, torque, drag):
     turned_2 = divided(lever_2, inertia)
     _, uy, uz = u
     contact = Contact(
-        1.0 + dot(u, curl) - dot(lever_u, own),
+        weight + dot(u, curl) - dot(lever_u, own),
         dot(lever_1, own) - dot(first, curl),
         dot(lever_2, own) - dot(second, curl),
         (uy * b + uz * c) * (inverse * inverse),

@@ -27,7 +27,9 @@ from numpy.typing import ArrayLike
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import full
 from rattlesweep.physics.full import (
+    NO_FORCE,
     acceleration,
+    contact_point,
     force,
     moments,
     scalar,
@@ -48,8 +50,11 @@ def inverse_semi_axis(c: ArrayLike | None) -> Floats:
 
 
 @scalar
-def ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise):
+def ellipsoid_contact(y, slope_rates, shape, e, rise):
     """Return the contact of an ellipsoid from its ``e`` and ``rise = (1 - e) / k``."""
+    p, q, a, b, c = y[:5]
+    dp, dq, m = slope_rates
+    cxx, cxy, cyy, k = shape[:4]
     gx = cxx * p + cxy * q
     gy = cxy * p + cyy * q
     x0 = p + gx
@@ -63,12 +68,14 @@ def ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise):
     wx = e * (gy * c + p * m - cxx * dp - cxy * dq + fall * x0) + lift * b
     wy = e * (q * m - gx * c - cxy * dp - cyy * dq + fall * y0) - lift * a
     wz = c * (fx * q - fy * p) - (x0 * p + y0 * q) * e * (m + fall)
-    return fx, fy, rise, wx, wy, wz, -1.0 / sqrt(1.0 + p * p + q * q)
+    return (fx, fy, rise), (wx, wy, wz), -1.0 / sqrt(1.0 + p * p + q * q)
 
 
 @scalar
-def shape_at(p, q, cxx, cxy, cyy, k):
+def shape_at(y, shape):
     """Return ``e`` and ``rise = (1 - e) / k`` of an ellipsoid."""
+    p, q = y[:2]
+    cxx, cxy, cyy, k = shape
     s = (p + (cxx * p + cxy * q)) * p + (q + (cxy * p + cyy * q)) * q
     rho = sqrt(1.0 + k * s)
     # Two independent divisions have a lower latency than one division and a product.
@@ -76,31 +83,36 @@ def shape_at(p, q, cxx, cxy, cyy, k):
 
 
 @scalar
-def ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
+def ellipsoid(y, slope_rates, shape):
     """Return the contact of the ellipsoid, as :func:`full.paraboloid` does."""
-    e, rise = shape_at(p, q, cxx, cxy, cyy, k)
-    return ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise)
+    e, rise = shape_at(y, shape)
+    return ellipsoid_contact(y, slope_rates, shape, e, rise)
 
 
 @scalar
-def frictionless_rhs(contact, p, q, a, b, c, inertia, shape):
-    """Return the time derivative of the state without friction."""
-    dp, dq, m = slope_rate(p, q, a, b, c)
-    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
-    rates, _ = acceleration(p, q, a, b, c, *inertia, 0.0, 0.0, 0.0, *touch)
+def frictionless_rhs(contact, y, inertia, shape, loss):
+    """Return the time derivative of the state without friction; ``loss`` is empty."""
+    dp, dq, m = slope_rate(y)
+    touch = contact(y, (dp, dq, m), shape)
+    rates, _ = acceleration(y, inertia, (0.0, 0.0, 0.0), touch)
     return (dp, dq) + rates  # noqa: RUF005
 
 
 @scalar
-def rise_at(p, q, cxx, cxy, cyy, k):
+def rise_at(y, shape):
     """Return ``rise``, which steps carry, since each stage would need a root for it."""
-    _, rise = shape_at(p, q, cxx, cxy, cyy, k)
+    _, rise = shape_at(y, shape)
     return rise
 
 
 @scalar
-def corrected_rise(p, q, cxx, cxy, cyy, k, rise):
-    """Return ``e`` and ``rise`` by a step of Newton's method from a nearby ``rise``."""
+def corrected_rise(y, shape):
+    """Return ``e`` and ``rise`` by a step of Newton's method from a nearby ``rise``.
+
+    That is the last number of ``shape``.
+    """
+    p, q = y[:2]
+    cxx, cxy, cyy, k, rise = shape
     s = (p + (cxx * p + cxy * q)) * p + (q + (cxy * p + cyy * q)) * q
     e = 1.0 - k * rise
     step = (0.5 * e) * (s * (e * e) - (rise + rise * e))
@@ -108,32 +120,40 @@ def corrected_rise(p, q, cxx, cxy, cyy, k, rise):
 
 
 @scalar
-def rise_rate(p, q, dp, dq, cxx, cxy, cyy, k, rise):
-    """Return the derivative of ``rise``."""
-    e, _ = corrected_rise(p, q, cxx, cxy, cyy, k, rise)
+def rise_rate(y, dy, shape):
+    """Return the derivative of ``rise``, the last number of ``shape``."""
+    p, q = y[:2]
+    dp, dq = dy[:2]
+    cxx, cxy, cyy = shape[:3]
+    e, _ = corrected_rise(y, shape)
     return (
         e * (e * e) * ((p + (cxx * p + cxy * q)) * dp + (q + (cxy * p + cyy * q)) * dq)
     )
 
 
 @scalar
-def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, near):
-    """Like :func:`ellipsoid`, but avoids the square root by an approximate ``rise``."""
-    e, rise = corrected_rise(p, q, cxx, cxy, cyy, k, near)
-    return ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise)
+def carried_ellipsoid(y, slope_rates, shape):
+    """Like :func:`ellipsoid`, but avoids the square root by an approximate ``rise``.
+
+    That is the last number of ``shape``.
+    """
+    e, rise = corrected_rise(y, shape)
+    return ellipsoid_contact(y, slope_rates, shape, e, rise)
 
 
 @scalar
-def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+def energy(y, constants):
     """Return the energy of an ellipsoid, as :func:`full.energy` does."""
+    p, q, a, b, c = y[:5]
+    ix, iy, iz, cxx, cxy, cyy, k = constants[:7]
     gx = cxx * p + cxy * q
     gy = cxy * p + cyy * q
     tilt = p * p + q * q
     s = tilt + gx * p + gy * q
     rho = sqrt(1.0 + k * s)
     half = s / (1.0 + rho)
-    x, y, z = (p + gx) / rho, (q + gy) / rho, 1.0 - half / rho
-    vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
+    x, y_, z = (p + gx) / rho, (q + gy) / rho, 1.0 - half / rho
+    vx, vy, vz = y_ * c - z * b, z * a - x * c, x * b - y_ * a
     root = sqrt(1.0 + tilt)
     lift = tilt / (1.0 + root)
     potential = 0.5 * (gx * p + gy * q + lift * lift - k * half * half) / root
@@ -144,20 +164,26 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
 
 
 @scalar
-def force_at(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz):
-    """Return the contact force at ``r = (x, y, z)``; ``dr/dt = r x omega - w``."""
+def force_at(u, omega, rates, r, w, weight=1.0, applied=NO_FORCE):
+    """Return the contact force, as `full.force` does; ``dr/dt = r x omega - w``."""
+    a, b, c = omega
+    x, y, z = r
+    wx, wy, wz = w
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
-    dx, dy, dz = vx - wx, vy - wy, vz - wz
-    return force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, dx, dy, dz, vx, vy, vz)
+    r_rate = vx - wx, vy - wy, vz - wz
+    return force(u, omega, rates, r, r_rate, (vx, vy, vz), weight, applied)
 
 
 @scalar
-def surface_force(contact, p, q, a, b, c, dp, dq, da, db, dc, shape):
+def surface_force(contact, y, dy, constants):
     """Return the contact force, as :func:`full.contact_force`, from the derivative."""
+    p, q, a, b, c = y[:5]
+    dp, dq, da, db, dc = dy[:5]
     m = p * b - q * a
-    fx, fy, rise, wx, wy, wz, uz = contact(p, q, a, b, c, dp, dq, m, *shape)
-    x, y, z = p + fx, q + fy, 1.0 - rise
-    return force_at(p * uz, q * uz, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
+    touch = contact(y, (dp, dq, m), constants[3:7])
+    _, w, uz = touch
+    u = p * uz, q * uz, uz
+    return force_at(u, (a, b, c), (da, db, dc), contact_point(y, touch), w)
 
 
 @scalar
@@ -196,59 +222,38 @@ def solve_again(r, h, solved):
 
 
 @scalar
-def viscous_couples(u, omega, loss, creep):
-    """Return the couple ``-sigma omega``, and none in proportion to the normal force.
-
-    ``u`` is the vertical unit vector.
-    """
-    sigma, _, _ = loss
-    a, b, c = omega
-    return (-sigma * a, -sigma * b, -sigma * c), (0.0, 0.0, 0.0)
+def viscous_rhs(contact, y, inertia, shape, loss):
+    """Return the derivative of state and work under the torque ``-sigma omega``."""
+    a, b, c = y[2:5]
+    (sigma,) = loss
+    dp, dq, m = slope_rate(y)
+    touch = contact(y, (dp, dq, m), shape)
+    lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
+    rates, _ = acceleration(y, inertia, (lx, ly, lz), touch)
+    return (dp, dq) + rates + (lx * a + ly * b + lz * c,)  # noqa: RUF005
 
 
 @scalar
-def rolling_couples(u, omega, loss, creep):
-    """Return the couple ``-sigma omega``, and the resistance over the normal force."""
-    sigma, lever, eps = loss
-    a, b, c = omega
+def rolling_resistance(u, omega, lever, eps):
+    """Return the torque of the rolling resistance over the normal force."""
     hx, hy, hz = h = horizontal(u, omega)
     share = -lever / sqrt(dot(h, h) + eps * eps)
-    return (-sigma * a, -sigma * b, -sigma * c), (share * hx, share * hy, share * hz)
+    return share * hx, share * hy, share * hz
 
 
 @scalar
-def rhs_of_couples(couples, contact, y, inertia, shape, loss):
-    """Return the derivative of state and work under the couples of any law."""
-    p, q, a, b, c = y[:5]
-    dp, dq, m = slope_rate(p, q, a, b, c)
-    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
-    fx, fy, rise, wx, wy, wz, uz = touch
-    u = (p * uz, q * uz, uz)
-    omega = (a, b, c)
-    r = (p + fx, q + fy, 1.0 - rise)
-    couple, per_force = couples(u, omega, loss, 0.0)
-    rates, solved = acceleration(p, q, a, b, c, *inertia, *couple, *touch)
-    normal, _ = force_at(*u, *omega, *rates, *r, wx, wy, wz)
-    j = jx, jy, jz = solve_again(r, per_force, solved)
-    # The couple in proportion to the normal force F_n changes F_n itself.
-    normal = normal / (1.0 - triple(u, r, j))
-    # There is no such couple where the plane would have to pull.
-    normal = 0.5 * (normal + abs(normal))
-    da, db, dc = rates
-    power = dot(couple, omega) + normal * dot(per_force, omega)
-    return dp, dq, da + normal * jx, db + normal * jy, dc + normal * jz, power
+def viscous_torque(place, own):
+    """Return the torque ``-sigma omega`` of an action."""
+    (sigma,) = own
+    a, b, c = place.omega
+    return -sigma * a, -sigma * b, -sigma * c
 
 
 @scalar
-def viscous_rhs(contact, y, inertia, shape, loss):
-    """Return what :func:`rhs_of_couples` does for ``-sigma omega`` alone."""
-    p, q, a, b, c = y[:5]
-    sigma, _, _ = loss
-    dp, dq, m = slope_rate(p, q, a, b, c)
-    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
-    lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
-    rates, _ = acceleration(p, q, a, b, c, *inertia, lx, ly, lz, *touch)
-    return (dp, dq) + rates + (lx * a + ly * b + lz * c,)  # noqa: RUF005
+def rolling_torque(place, own):
+    """Return what :func:`rolling_resistance` does, for an action."""
+    lever, eps = own
+    return rolling_resistance(place.u, place.omega, lever, eps)
 
 
 @scalar
@@ -270,12 +275,14 @@ def resistance(u, omega, r, normal, lever, eps, solved):
 
 
 @scalar
-def adjugate(x, y, z, ix, iy, iz):
+def adjugate(r, inertia):
     """Return the adjugate of ``J`` on the left side of Eq. 11, and its determinant.
 
     Its components are ``xx, yy, zz, yz, zx, xy``.  Nothing cancels in them, but in the
     product with a torque rounding errors grow as ``r^2 / I``.
     """
+    x, y, z = r
+    ix, iy, iz = inertia
     xx, yy, zz = x * x, y * y, z * z
     r2 = xx + (yy + zz)
     dx, dy, dz = ix + r2, iy + r2, iz + r2
@@ -311,14 +318,12 @@ def without_grip(contact, y, inertia, shape, sigma):
     """
     p, q, a, b, c = y[:5]
     root = sqrt(1.0 + p * p + q * q)
-    dp, dq, m = slope_rate(p, q, a, b, c)
-    fx, fy, rise, wx, wy, wz, _ = contact(p, q, a, b, c, dp, dq, m, *shape)
+    dp, dq, m = slope_rate(y)
+    touch = contact(y, (dp, dq, m), shape)
     lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
-    _, (tx, ty, tz), g, (kx, ky, kz) = moments(
-        p, q, a, b, c, *inertia, lx, ly, lz, fx, fy, rise, wx, wy, wz
-    )
+    _, (tx, ty, tz), g, (kx, ky, kz) = moments(y, inertia, (lx, ly, lz), touch)
     gx, gy, gz = g
-    solver, det = adjugate(p + fx, q + fy, 1.0 - rise, *inertia)
+    solver, det = adjugate(contact_point(y, touch), inertia)
     rates = multiplied(solver, (root * tx - gx, root * ty - gy, root * tz - gz))
     power = lx * a + ly * b + lz * c
     return (dp, dq), power, root, det, solver, g, p * kx + q * ky + kz, rates
@@ -338,7 +343,7 @@ def resisted(p, q, dp, dq, root, eps):
 
 @scalar
 def rolling_rhs(contact, y, inertia, shape, loss):
-    """Return what :func:`rhs_of_couples` does for both couples."""
+    """Return what :func:`viscous_rhs` does, with rolling resistance."""
     p, q = y[:2]
     sigma, lever, eps = loss
     (dp, dq), power, root, det, solver, g, sink, rates = without_grip(

@@ -9,13 +9,18 @@ that surface, normal to the flow.
 # mypy: disable-error-code="no-untyped-def"
 from math import sqrt
 
-from rattlesweep.physics.full import TINY, oscillation, paraboloid, scalar, solve_rates
+from rattlesweep.physics.full import (
+    TINY,
+    contact_point,
+    oscillation,
+    paraboloid,
+    scalar,
+    solve_rates,
+)
 
 
 @scalar
-def rate(
-    p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy
-):
+def rate(y, dy, tangent, constants):
     """Return the derivative of a tangent ``(p1, q1, a1, b1, c1)`` under ``full.rhs``.
 
     Names that end in 1 are derivatives along the tangent.  Differentiating ``J domega =
@@ -23,17 +28,22 @@ def rate(
     right side with ``r`` is taken from the identity ``r . (I domega - g) = 0``, in
     which nothing cancels.
     """
+    p, q, a, b, c = y
+    dp, dq, da, db, dc = dy
+    p1, q1, a1, b1, c1 = tangent
+    ix, iy, iz, cxx, cxy, cyy = constants
     m = p * b - q * a
     m1 = p1 * b + p * b1 - q1 * a - q * a1
     dp1 = q1 * c + q * c1 - b1 - p1 * m - p * m1
     dq1 = a1 - p1 * c - p * c1 - q1 * m - q * m1
-    fx, fy, rise, wx, wy, wz, uz = paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
+    touch = paraboloid(y, (dp, dq, m), (cxx, cxy, cyy))
+    (fx, fy, rise), (wx, wy, wz), uz = touch
     fx1 = cxx * p1 + cxy * q1
     fy1 = cxy * p1 + cyy * q1
-    x, y, z = p + fx, q + fy, 1.0 - rise
+    x, y_, z = r = contact_point(y, touch)
     x1 = p1 + fx1
     y1 = q1 + fy1
-    rise1 = x * p1 + y * q1
+    rise1 = x * p1 + y_ * q1
     twist = fx * q - fy * p
     twist1 = fx1 * q + fx * q1 - fy1 * p - fy * p1
     wx1 = (
@@ -68,39 +78,41 @@ def rate(
     py = fx + p * rise
     px1 = fy1 + q1 * rise + q * rise1
     py1 = fx1 + p1 * rise + p * rise1
-    tx = gx1 + (y1 * kz + y * kz1 + rise1 * ky - z * ky1) + (uz1 * px + uz * px1)
+    tx = gx1 + (y1 * kz + y_ * kz1 + rise1 * ky - z * ky1) + (uz1 * px + uz * px1)
     ty = gy1 + (z * kx1 - rise1 * kx - x1 * kz - x * kz1) - (uz1 * py + uz * py1)
-    tz = gz1 + (x1 * ky + x * ky1 - y1 * kx - y * kx1) + (uz1 * twist + uz * twist1)
+    tz = gz1 + (x1 * ky + x * ky1 - y1 * kx - y_ * kx1) + (uz1 * twist + uz * twist1)
     # z1 is -rise1.
-    along = x * da + y * db + z * dc
+    along = x * da + y_ * db + z * dc
     along1 = x1 * da + y1 * db - rise1 * dc
-    longer = 2.0 * (x * x1 + y * y1 - z * rise1)
+    longer = 2.0 * (x * x1 + y_ * y1 - z * rise1)
     tx += x1 * along + x * along1 - longer * da
-    ty += y1 * along + y * along1 - longer * db
+    ty += y1 * along + y_ * along1 - longer * db
     tz += z * along1 - rise1 * along - longer * dc
     product = (
         x * gx1
-        + y * gy1
+        + y_ * gy1
         + z * gz1
         + x1 * (gx - ix * da)
         + y1 * (gy - iy * db)
         - rise1 * (gz - iz * dc)
     )
-    rates, _ = solve_rates(x, y, z, ix, iy, iz, tx, ty, tz, product)
+    rates, _ = solve_rates(r, (ix, iy, iz), (tx, ty, tz), product)
     return (dp1, dq1) + rates  # noqa: RUF005
 
 
 @scalar
-def gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
+def gradient(y, constants):
     """Return the gradient of :func:`rattlesweep.physics.full.energy` over the state."""
+    p, q, a, b, c = y
+    ix, iy, iz, cxx, cxy, cyy = constants
     fx = cxx * p + cxy * q
     fy = cxy * p + cyy * q
     x = p + fx
-    y = q + fy
-    z = 1.0 - 0.5 * (x * p + y * q)
-    vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
+    y_ = q + fy
+    z = 1.0 - 0.5 * (x * p + y_ * q)
+    vx, vy, vz = y_ * c - z * b, z * a - x * c, x * b - y_ * a
     # Derivative of the kinetic energy by the contact point, and below that of the
-    # height (1 + (x p + y q)/2) / sqrt(1 + p^2 + q^2) by the slope.
+    # height (1 + (x p + y_ q)/2) / sqrt(1 + p^2 + q^2) by the slope.
     rx, ry, rz = b * vz - c * vy, c * vx - a * vz, a * vy - b * vx
     tilt = p * p + q * q
     square = 1.0 + tilt
@@ -108,26 +120,28 @@ def gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     flat = 0.5 * (tilt - fx * p - fy * q) / square
     return (
         rx * (1.0 + cxx) + ry * cxy - rz * x + (fx + p * flat) / root,
-        rx * cxy + ry * (1.0 + cyy) - rz * y + (fy + q * flat) / root,
-        ix * a + z * vy - y * vz,
+        rx * cxy + ry * (1.0 + cyy) - rz * y_ + (fy + q * flat) / root,
+        ix * a + z * vy - y_ * vz,
         iy * b + x * vz - z * vx,
-        iz * c + y * vx - x * vy,
+        iz * c + y_ * vx - x * vy,
     )
 
 
 @scalar
-def square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
+def square(tangent, constants):
     """Return the squared norm, in ``M g a``: twice the energy with ``B = 1 + C``."""
+    p1, q1, _, _, c1 = tangent
     slope = p1 * p1 + q1 * q1
-    return oscillation(p1, q1, a1, b1, ix, iy, cxx, cxy, cyy) + slope + iz * c1 * c1
+    return oscillation(tangent, constants) + slope + constants[2] * c1 * c1
 
 
 @scalar
-def transverse(
-    p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy
-):
+def transverse(y, dy, tangent, constants):
     """Return the part of a tangent at constant energy and normal to the flow."""
-    ep, eq, ea, eb, ec = gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+    ix, iy, iz, cxx, cxy, cyy = constants
+    dp, dq, da, db, dc = dy
+    p1, q1, a1, b1, c1 = tangent
+    ep, eq, ea, eb, ec = gradient(y, constants)
     # The inverse of the norm's matrix applied to the gradient.
     bxx = 1.0 + cxx
     byy = 1.0 + cyy
@@ -141,7 +155,7 @@ def transverse(
     q1 = q1 - off * hq
     a1, b1, c1 = a1 - off * ha, b1 - off * hb, c1 - off * hc
     # At rest there is no flow, and nothing is removed.
-    speed = square(dp, dq, da, db, dc, ix, iy, iz, cxx, cxy, cyy) + TINY
+    speed = square(dy, constants) + TINY
     late = (
         dp * (bxx * p1 + cxy * q1)
         + dq * (cxy * p1 + byy * q1)
@@ -159,8 +173,9 @@ def transverse(
 
 
 @scalar
-def seed(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
+def seed(y, constants):
     """Return a tangent that favours no mode: slopes and rates of equal energies."""
+    ix, iy, _, cxx, _, cyy = constants
     p = 1.0 / sqrt(1.0 + cxx)
     q = 1.0 / sqrt(1.0 + cyy)
     return p, q, 1.0 / sqrt(ix + 1.0), 1.0 / sqrt(iy + 1.0), 0.0

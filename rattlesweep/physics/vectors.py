@@ -26,10 +26,6 @@ omega`` and the gyroscopic and viscous part ``G``,
 # mypy: disable-error-code="no-untyped-def"
 from math import sqrt
 
-import numpy as np
-
-from rattlesweep.arrays import Floats
-from rattlesweep.physics import full, stone
 from rattlesweep.physics.full import acceleration, scalar
 from rattlesweep.physics.stone import (
     dot,
@@ -40,22 +36,30 @@ from rattlesweep.physics.stone import (
     triple,
 )
 
-N_STATE = 7
-CONSTANTS = *stone.CONSTANTS, "sigma", "rolling", "smoothing"
+N_PLACE = 6  # components without the work of friction
 # Rotation and path since the start of a step, which single steps add to the state.
 N_EXTRA = 7
 
 
 @scalar
-def unit(vx, vy, vz):
+def unit(v):
     """Return the unit vector along a vector."""
+    vx, vy, vz = v
     length = sqrt(vx * vx + vy * vy + vz * vz)
     return vx / length, vy / length, vz / length
 
 
 @scalar
-def contact_under(ux, uy, uz, cxx, cxy, cyy, k):
+def position(y):
+    """Return the vertical unit vector and the angular velocity of a state."""
+    return unit(y[:3]), y[3:6]
+
+
+@scalar
+def contact_under(u, shape):
     """Return the contact point ``r`` and ``rho``."""
+    ux, uy, uz = u
+    cxx, cxy, cyy, k = shape
     bx = ux + cxx * ux + cxy * uy
     by = uy + cxy * ux + cyy * uy
     s = bx * ux + by * uy
@@ -67,8 +71,9 @@ def contact_under(ux, uy, uz, cxx, cxy, cyy, k):
 
 
 @scalar
-def moving(u, omega, r, rho, cxx, cxy, cyy, k):
+def moving(u, omega, r, rho, shape):
     """Return ``w = r x omega - dr/dt``, which is linear in ``omega``."""
+    cxx, cxy, cyy, k = shape
     ux, uy, uz = u
     a, b, c = omega
     x, y, z = r
@@ -90,95 +95,115 @@ def moving(u, omega, r, rho, cxx, cxy, cyy, k):
 
 
 @scalar
-def smooth_rates(u, omega, r, rho, surface, inertia, sigma):
-    """Return ``domega/dt`` without rolling resistance, ``F_n, w`` and ``solved``."""
+def acceleration_at(u, omega, r, w, inertia, torque, weight=1.0):
+    """Return ``domega/dt`` under a further torque, and the inverse used."""
     ux, uy, uz = u
     a, b, c = omega
     x, y, z = r
-    w = moving(u, omega, r, rho, *surface)
+    lx, ly, lz = torque
     # At slope zero gravity acts along z only; the torque r x (u_x, u_y, 0) of the rest
     # is added.
-    rates, solved = acceleration(
-        0.0,
-        0.0,
-        a,
-        b,
-        c,
-        *inertia,
-        -sigma * a - z * uy,
-        -sigma * b + z * ux,
-        -sigma * c + x * uy - y * ux,
-        x,
-        y,
-        1.0 - z,
-        *w,
-        uz,
-    )
-    normal, _ = force_at(*u, *omega, *rates, *r, *w)
+    x_pull, y_pull = weight * ux, weight * uy
+    tilting = lx - z * y_pull, ly + z * x_pull, lz + x * y_pull - y * x_pull
+    touch = (x, y, 1.0 - z), w, uz
+    return acceleration((0.0, 0.0, a, b, c), inertia, tilting, touch, weight)
+
+
+@scalar
+def smooth_rates(u, omega, r, rho, shape, inertia, sigma):
+    """Return ``domega/dt`` without rolling resistance, ``F_n, w`` and ``solved``."""
+    a, b, c = omega
+    w = moving(u, omega, r, rho, shape)
+    torque = -sigma * a, -sigma * b, -sigma * c
+    rates, solved = acceleration_at(u, omega, r, w, inertia, torque)
+    normal, _ = force_at(u, omega, rates, r, w)
     return rates, normal, w, solved
 
 
 @scalar
-def rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Return the time derivative of the state (Eqs. 10 and 11, with friction)."""
-    u = unit(vx, vy, vz)
-    omega = (a, b, c)
-    surface = (cxx, cxy, cyy, k)
-    r, rho = contact_under(*u, *surface)
-    rates, normal, _, solved = smooth_rates(
-        u, omega, r, rho, surface, (ix, iy, iz), sigma
-    )
-    da, db, dc = rates
-    ra, rb, rc, loss = resistance(u, omega, r, normal, lever, eps, solved)
-    power = -sigma * (a * a + b * b + c * c) - loss
-    dv = vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
-    return dv + (da - ra, db - rb, dc - rc, power)  # noqa: RUF005
+def turning(y):
+    """Return the derivative of the vector along the vertical."""
+    vx, vy, vz, a, b, c = y[:6]
+    return vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
 
 
 @scalar
-def spin(vx, vy, vz, a, b, c):
+def rolling_rhs(contact, y, inertia, shape, loss):
+    """Return the time derivative of the state (Eqs. 10 and 11, with friction).
+
+    ``contact`` is :func:`contact_under`.
+    """
+    u, omega = position(y)
+    a, b, c = omega
+    sigma, lever, eps = loss
+    r, rho = contact(u, shape)
+    rates, normal, _, solved = smooth_rates(u, omega, r, rho, shape, inertia, sigma)
+    da, db, dc = rates
+    ra, rb, rc, loss = resistance(u, omega, r, normal, lever, eps, solved)
+    power = -sigma * (a * a + b * b + c * c) - loss
+    return turning(y) + (da - ra, db - rb, dc - rc, power)  # noqa: RUF005
+
+
+@scalar
+def spin(y):
     """Return the spin ``n = u . omega`` (Eq. 46), in ``sqrt(g/a)``."""
+    vx, vy, vz, a, b, c = y[:6]
     return (vx * a + vy * b + vz * c) / sqrt(vx * vx + vy * vy + vz * vz)
 
 
 @scalar
-def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Return the energy minus the work of friction, in ``M g a``; 0 at rest upright."""
-    ux, uy, uz = unit(vx, vy, vz)
-    (x, y, z), _ = contact_under(ux, uy, uz, cxx, cxy, cyy, k)
+def spin_rate(y, dy):
+    """Return ``dn/dt``, as `physics.full.spin_rate` does."""
+    return spin(y[:3] + dy[3:6])
+
+
+@scalar
+def energy(y, constants):
+    """Return the energy in ``M g a``, which is zero upright at rest."""
+    u, (a, b, c) = position(y)
+    ix, iy, iz = constants[:3]
+    (x, y_, z), _ = contact_under(u, constants[3:7])
     # The velocity of the centre of mass, r x omega.
-    px, py, pz = y * c - z * b, z * a - x * c, x * b - y * a
+    px, py, pz = y_ * c - z * b, z * a - x * c, x * b - y_ * a
     twice_kinetic = ix * a * a + iy * b * b + iz * c * c + px * px + py * py + pz * pz
-    return 0.5 * twice_kinetic - (x * ux + y * uy + z * uz) - 1.0 - work
+    ux, uy, uz = u
+    return 0.5 * twice_kinetic - (x * ux + y_ * uy + z * uz) - 1.0
 
 
 @scalar
-def contact_force(vx, vy, vz, a, b, c, da, db, dc, cxx, cxy, cyy, k):
+def contact_force(y, dy, constants):
     """Return the contact force in ``M g``, as :func:`full.force` does."""
-    u = unit(vx, vy, vz)
-    omega = (a, b, c)
-    r, rho = contact_under(*u, cxx, cxy, cyy, k)
-    w = moving(u, omega, r, rho, cxx, cxy, cyy, k)
-    return force_at(*u, *omega, da, db, dc, *r, *w)
+    u, omega = position(y)
+    shape = constants[3:7]
+    r, rho = contact_under(u, shape)
+    w = moving(u, omega, r, rho, shape)
+    return force_at(u, omega, dy[3:6], r, w)
 
 
 @scalar
-def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
+def rise(y, constants):
+    """Return the height of the contact over the lowest point of the body."""
+    (_, _, z), _ = contact_under(unit(y[:3]), constants[3:7])
+    return 1.0 - z
+
+
+@scalar
+def smooth_volume(y, inertia, shape, sigma):
     """Return the rate of phase volume without rolling resistance, in ``sqrt(g/a)``."""
-    u = unit(vx, vy, vz)
-    omega = (a, b, c)
-    surface = (cxx, cxy, cyy, k)
-    r, rho = contact_under(*u, *surface)
-    x, y, z = r
-    _, _, w, solved = smooth_rates(u, omega, r, rho, surface, (ix, iy, iz), sigma)
+    u, omega = position(y)
+    a, b, c = omega
+    ix, iy, iz = inertia
+    r, rho = contact_under(u, shape)
+    x, y_, z = r
+    _, _, w, solved = smooth_rates(u, omega, r, rho, shape, inertia, sigma)
     dyz, dzx, dxy, along, ivol = solved
-    s = sx, sy, sz = x * dyz, y * dzx, z * dxy
+    s = sx, sy, sz = x * dyz, y_ * dzx, z * dxy
     # W times s, W times diag(dyz, dzx, dxy) omega, and the diagonal of W.
-    ws = moving(u, s, r, rho, *surface)
-    wd = moving(u, (dyz * a, dzx * b, dxy * c), r, rho, *surface)
-    wxx, _, _ = moving(u, (1.0, 0.0, 0.0), r, rho, *surface)
-    _, wyy, _ = moving(u, (0.0, 1.0, 0.0), r, rho, *surface)
-    _, _, wzz = moving(u, (0.0, 0.0, 1.0), r, rho, *surface)
+    ws = moving(u, s, r, rho, shape)
+    wd = moving(u, (dyz * a, dzx * b, dxy * c), r, rho, shape)
+    wxx, _, _ = moving(u, (1.0, 0.0, 0.0), r, rho, shape)
+    _, wyy, _ = moving(u, (0.0, 1.0, 0.0), r, rho, shape)
+    _, _, wzz = moving(u, (0.0, 0.0, 1.0), r, rho, shape)
     gain = dot(r, w) - sigma
     rolled = dot(r, omega)
     diagonal = gain * (dyz + dzx + dxy) - dot(w, s) + dot(r, wd)
@@ -196,15 +221,26 @@ def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
 
 
 @scalar
-def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+def frictionless_volume(y, inertia, shape, loss):
+    """Return the rate of phase volume without friction; ``loss`` is empty."""
+    return smooth_volume(y, inertia, shape, 0.0)
+
+
+@scalar
+def viscous_volume(y, inertia, shape, loss):
+    """Return the rate of phase volume with the torque ``-sigma omega``."""
+    return smooth_volume(y, inertia, shape, loss[0])
+
+
+@scalar
+def rolling_volume(y, inertia, shape, loss):
     """Return the rate of phase volume with the resistance ``share J^-1 h``."""
-    u = unit(vx, vy, vz)
-    omega = (a, b, c)
-    surface = (cxx, cxy, cyy, k)
-    inertia = (ix, iy, iz)
-    r, rho = contact_under(*u, *surface)
-    x, y, z = r
-    _, normal, _, solved = smooth_rates(u, omega, r, rho, surface, inertia, sigma)
+    u, omega = position(y)
+    a, b, c = omega
+    sigma, lever, eps = loss
+    r, rho = contact_under(u, shape)
+    x, y_, z = r
+    _, normal, _, solved = smooth_rates(u, omega, r, rho, shape, inertia, sigma)
     dyz, dzx, dxy, along, ivol = solved
     h = horizontal(u, omega)
     j = ja, jb, jc = solve_again(r, h, solved)
@@ -215,11 +251,11 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     # exact.
     more = (a + ja, b + jb, c + jc)
     less = (a - ja, b - jb, c - jc)
-    _, ahead, _, _ = smooth_rates(u, more, r, rho, surface, inertia, sigma)
-    _, behind, _, _ = smooth_rates(u, less, r, rho, surface, inertia, sigma)
+    _, ahead, _, _ = smooth_rates(u, more, r, rho, shape, inertia, sigma)
+    _, behind, _, _ = smooth_rates(u, less, r, rho, shape, inertia, sigma)
     g = horizontal(u, j)
     wider = dot(h, g) / root + lever * triple(u, r, solve_again(r, g, solved))
-    s = x * dyz, y * dzx, z * dxy
+    s = x * dyz, y_ * dzx, z * dxy
     flat = (
         dyz * (1.0 - u[0] * u[0])
         + dzx * (1.0 - u[1] * u[1])
@@ -227,17 +263,16 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     )
     trace = ivol * (flat + along * dot(s, horizontal(u, s)))
     lost = share * trace + (0.5 * lever * (ahead - behind) - share * wider) / below
-    smooth = smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma)
-    return smooth - (lost if share > 0.0 else 0.0)
+    return smooth_volume(y, inertia, shape, sigma) - (lost if share > 0.0 else 0.0)
 
 
 @scalar
 def rolled(u, omega, shape):
     """Return the velocity of the contact point of a rolling body, in its own axes."""
     a, b, c = omega
-    r, rho = contact_under(*u, *shape)
+    r, rho = contact_under(u, shape)
     x, y, z = r
-    wx, wy, wz = moving(u, omega, r, rho, *shape)
+    wx, wy, wz = moving(u, omega, r, rho, shape)
     # dr/dt = r x omega - w
     return y * c - z * b - wx, z * a - x * c - wy, x * b - y * a - wz
 
@@ -266,25 +301,3 @@ def carried_on(rotation, omega, velocity):
         vy + 2.0 * (z * tx - x * tz),
         vz + 2.0 * (x * ty - y * tx),
     )
-
-
-def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
-    """Return states (runs, 7) and constants (runs, 10) of runs in slopes.
-
-    The runs may have friction or not.
-    """
-    u, omega = full.to_vectors(y[:, : full.N_STATE].T)
-    work = y[:, full.N_STATE :]
-    loss = constants[:, stone.N_CONSTANTS :]
-    if not work.size:
-        work = np.zeros((len(y), 1))
-        no_loss = np.tile([0.0, 0.0, stone.SMOOTHING], (len(y), 1))
-        loss = np.hstack([no_loss, loss])
-    return np.hstack([u.T, omega.T, work]), np.hstack(
-        [constants[:, : stone.N_CONSTANTS], loss]
-    )
-
-
-def to_slopes(y: Floats) -> Floats:
-    """Return slopes, angular velocity and work, (runs, 6), of states (runs, 7)."""
-    return np.hstack([y[:, :2] / y[:, 2:3], y[:, 3:]])

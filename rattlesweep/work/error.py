@@ -53,10 +53,10 @@ from rattlesweep.integrate.batch import (
     stride,
 )
 from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
-from rattlesweep.integrate.model import REDUCED, Model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.integrate.task import Control
+from rattlesweep.motion.model import REDUCED, Model
 from rattlesweep.physics import full
 from rattlesweep.work.error_fit import TIGHTEST, fit_of
 
@@ -517,13 +517,9 @@ def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Float
         moved, size = norm.py_func(change, y.T, constants.T)
     else:
         # The spin is zero in both states at a reversal.
-        named = model.named(constants.T)
-        ix, iy, cxx, cxy, cyy = (
-            named[name] for name in ("ix", "iy", "cxx", "cxy", "cyy")
-        )
         oscillation = full.oscillation.py_func
-        moved = oscillation(*change[:4], ix, iy, cxx, cxy, cyy)
-        size = oscillation(*y.T[:4], ix, iy, cxx, cxy, cyy)
+        moved = oscillation(change, constants.T)
+        size = oscillation(y.T, constants.T)
     return np.asarray(np.sqrt(moved / size))
 
 

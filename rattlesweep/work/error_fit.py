@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from rattlesweep.design.config.schema import Config
 from rattlesweep.errors import ConfigError
-from rattlesweep.quantities import COUPLE_CONSTANTS, law_of
+from rattlesweep.quantities import law_of
 
 TIGHTEST = 1e-14  # tolerance below which rounding dominates the error of a step
 
@@ -106,11 +106,8 @@ def fitted_motion(config: Config, without: str = "") -> tuple[str, str]:
     A constant of friction can be left out.
     """
     names = [name for name in config.dissipation.present if name != without]
-    parts = []
-    if COUPLE_CONSTANTS.intersection(names):
-        law = law_of(names)
-        if law != "viscous":
-            parts.append(str(law))
+    law = law_of(names)
+    parts = [law] if law not in ("", "viscous") else []
     if "mu" in names:
         parts.append("sliding")
     return config.bodies.bottom, " and ".join(parts)

@@ -13,8 +13,8 @@ import oracle
 
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow import Follower
-from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.motion.model import FULL
 
 
 def states() -> str:

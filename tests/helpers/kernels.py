@@ -9,12 +9,25 @@ from numba import njit
 from rattlesweep import arrays
 from rattlesweep.integrate import batch
 from rattlesweep.integrate.lanes import step as stages
-from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.motion.model import FULL, FULL_ELLIPSOID, find_model
 from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import PARAMETERS
 
 N_WINDOWS = 64
+LAWS = "viscous", "rolling", "pivoting", "rolling_pivoting"
+# Bodies that roll, under each law on each surface.
+DAMPED = [find_model(f"{on}_{law}") for on in ("full", "ellipsoid") for law in LAWS]
+ROLLING = [FULL, FULL_ELLIPSOID, *DAMPED]
+_OTHERS = "reduced", "full_tangent", "full_frame"
+_ANYWHERE = "vectors", "vectors_sliding", "vectors_pivoting", "vectors_pivoting_sliding"
+# The names of all models whose kernels are tested.
+MODEL_NAMES = [
+    *(model.name for model in ROLLING),
+    *_OTHERS,
+    *(f"{model.name}_sliding" for model in ROLLING),
+    *_ANYWHERE,
+]
 # Rows of a batch, or of an outcome.
 take = pick = arrays.take
 
@@ -124,9 +137,11 @@ def mode_energies(body, n_i, omega_xy0):
 @cache
 def attempt(method, model):
     """Return the generated step, which its first call compiles."""
-    return njit(**stages.OPTIONS)(stages.write_attempt(METHODS[method], MODELS[model]))
+    return njit(**stages.OPTIONS)(
+        stages.write_attempt(METHODS[method], find_model(model))
+    )
 
 
 def problem(method, model):
     """Return the `Problem` for which the kernel of a method and a model is compiled."""
-    return batch.problem_of(MODELS[model], METHODS[method].adaptive)
+    return batch.problem_of(find_model(model), METHODS[method].adaptive)

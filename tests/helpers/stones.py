@@ -5,7 +5,7 @@ import math
 import numpy as np
 import stone_oracle
 
-from rattlesweep.integrate.model import FULL_ELLIPSOID
+from rattlesweep.motion.model import FULL_ELLIPSOID
 from rattlesweep.physics import full, stone
 from rattlesweep.physics.body import PARAMETERS, shell_dumbbell
 
@@ -49,7 +49,9 @@ def constants_of(model, body, sigma=0.0, rolling=0.0):
     """Return the constants of a body for a model."""
     shape = full.constants(*(body[name] for name in PARAMETERS))
     k = stone.inverse_semi_axis(body["c"])
-    return [*shape, k, sigma, rolling, stone.SMOOTHING][: model.n_constants]
+    values = dict(zip(full.CONSTANTS, shape, strict=True))
+    values |= {"k": k, "sigma": sigma, "rolling": rolling} | model.fixed
+    return [values[name] for name in model.constants]
 
 
 def of_model(model, body, sigma, rolling):

@@ -11,7 +11,7 @@ from numba import njit
 from rattlesweep.integrate.batch import problem_of
 from rattlesweep.integrate.lanes import lane as lanes
 from rattlesweep.integrate.lanes.lane import Lane, Point
-from rattlesweep.integrate.model import FULL
+from rattlesweep.motion.model import FULL
 
 WIDTH = 2
 PROBLEM = problem_of(FULL, True, WIDTH)

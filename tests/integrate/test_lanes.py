@@ -17,10 +17,10 @@ from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.lanes.runs import MAX_ENERGY_DRIFT
 from rattlesweep.integrate.lanes.step import SUBSTEPS
-from rattlesweep.integrate.model import FULL, MODELS, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Task
+from rattlesweep.motion.model import FULL, MODELS, REDUCED
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.full import scalar
 
@@ -70,7 +70,8 @@ def test_gh_reversal_times_at_defaults(method):
     assert out.n_end == pytest.approx([0, 0], abs=1e-14)
     assert np.abs(out.energy_drift).max() < 1e-7
     after = [
-        full.energy(*y, *q) for y, q in zip(out.y_end, runs.constants, strict=True)
+        full.energy(tuple(y), tuple(q))
+        for y, q in zip(out.y_end, runs.constants, strict=True)
     ]
     assert out.energy_drift == pytest.approx(after / out.energy_0 - 1, abs=1e-14)
     assert out.n_departure == pytest.approx([1, 1])
@@ -340,7 +341,7 @@ def test_long_steps_hide_no_extreme_of_the_contact(tol):
 @scalar
 def _half_spin(y, constants):
     """Return a function of the state that is zero where the spin is 0.05."""
-    return full.spin(*y) - 0.05
+    return full.spin(y) - 0.05
 
 
 def test_a_run_ends_at_the_limit_of_its_model(monkeypatch):

@@ -12,8 +12,8 @@ from exact import exactly
 from mpmath import mp
 
 from rattlesweep.integrate.batch import exponents, integrate
-from rattlesweep.integrate.model import FULL, FULL_ELLIPSOID
 from rattlesweep.integrate.tableau import DOP853
+from rattlesweep.motion.model import FULL, FULL_ELLIPSOID
 from rattlesweep.physics import full, steady, tangent
 
 mp_rhs = exactly(full.rhs)
@@ -46,8 +46,10 @@ def derivative(function, at, along, *constants):
     h = mp.mpf(10) ** -20
     ends = [
         function(
-            *(mp.mpf(y) + s * h * mp.mpf(v) for y, v in zip(at, along, strict=True)),
-            *map(mp.mpf, constants),
+            tuple(
+                mp.mpf(y) + s * h * mp.mpf(v) for y, v in zip(at, along, strict=True)
+            ),
+            tuple(map(mp.mpf, constants)),
         )
         for s in (1, -1)
     ]
@@ -59,7 +61,7 @@ def test_rate_is_the_derivative_of_the_right_hand_side():
     with mp.workdps(60):
         for constants, y, v in bodies_and_states(96, 1):
             exact = np.array(derivative(mp_rhs, y, v, *constants), dtype=float)
-            got = tangent.rate(*y, *full.rhs(*y, *constants), *v, *constants)
+            got = tangent.rate(y, full.rhs(y, constants), v, constants)
             worst = max(worst, np.abs(got - exact).max() / np.abs(exact).max())
     assert worst < 1e-13
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.motion.model import FULL
 
 GH = oracle.GH
 DOP853 = METHODS["dop853"]

@@ -11,22 +11,23 @@ import pytest
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.lanes import inside
 from rattlesweep.integrate.lanes.lane import Point
-from rattlesweep.integrate.model import FRICTION, FULL, FULL_ELLIPSOID, VECTORS_PIVOTING
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.physics import pivoting, vectors
+from rattlesweep.motion.anywhere import from_slopes
+from rattlesweep.motion.model import FULL, find_model
+from rattlesweep.physics import pivoting
 
 GH = oracle.GH
 DOP853 = METHODS["dop853"]
 SMOOTHING = 1e-4
-PIVOTING = FRICTION[FULL.name, "pivoting"]
+PIVOTING = find_model("full_pivoting")
 
 
 def pivoting_batch(n_i, push, lever, t_end, sigma=0.0):
     """Return runs of GH with pivoting friction."""
     runs = kernels.full_batch(GH, n_i, push, t_end=t_end)
     count = len(runs)
-    loss = sigma, 0.0, SMOOTHING, lever, 1.0
+    loss = sigma, lever, 1.0
     constants = [runs.constants, np.zeros((count, 1)), np.tile(loss, (count, 1))]
     y0 = np.hstack([runs.y0, np.zeros((count, 2))])
     return dataclasses.replace(runs, y0=y0, constants=np.hstack(constants))
@@ -35,16 +36,16 @@ def pivoting_batch(n_i, push, lever, t_end, sigma=0.0):
 @pytest.mark.parametrize("sense", [1.0, -1.0, 0.0])
 @pytest.mark.parametrize("law", ["pivoting", "rolling_pivoting"])
 def test_equations_in_slopes_are_those_in_any_position(law, sense):
-    model = FRICTION[FULL_ELLIPSOID.name, law]
+    model = find_model(f"ellipsoid_{law}")
     rng = np.random.default_rng(3)
     for _ in range(30):
         y = rng.normal(scale=0.2, size=5)
         shape = 2.0, 3.0, 4.0, 0.2, 0.03, 5.0, 0.3
-        rolling = 0.01 if law == "rolling_pivoting" else 0.0
-        q = np.array([*shape, 0.02, rolling, SMOOTHING, 0.05, sense])
+        rolling = (0.01, SMOOTHING) if law == "rolling_pivoting" else ()
+        q = np.array([*shape, 0.02, *rolling, 0.05, sense])
         state = np.array([[*y, -0.1, -0.05]])
-        (there,), (constants,) = vectors.from_slopes(state, q[None])
-        got = VECTORS_PIVOTING.rhs(tuple(there), tuple(constants))
+        (there,), (constants,) = from_slopes(model, state, q[None])
+        got = model.anywhere.rhs(tuple(there), tuple(constants))
         wanted = model.rhs(tuple(state[0]), tuple(q))
         np.testing.assert_allclose(got[3:], wanted[2:], rtol=1e-10, atol=1e-12)
         torque, normal = model.pivot(tuple(state[0]), tuple(q))

@@ -11,9 +11,9 @@ import pytest
 
 import rattlesweep as rs
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.model import SLIDING
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.motion.model import find_model
 from rattlesweep.physics import full
 from rattlesweep.physics.body import PARAMETERS
 
@@ -65,7 +65,12 @@ def test_runs_are_those_of_the_oracle(model):
         if model_of(case) == model and case["result"]["status"] == "ok"
     ]
     assert len(cases) >= 8
-    out = integrate(batch_of(cases, model), METHODS["dop853"], SLIDING[model], tol=1e-9)
+    out = integrate(
+        batch_of(cases, model),
+        METHODS["dop853"],
+        find_model(f"{model}_sliding"),
+        tol=1e-9,
+    )
     for k, case in enumerate(cases):
         result = case["result"]
         assert out.status[k] == Status.OK
@@ -129,11 +134,11 @@ def test_a_slide_in_many_digits(tol, error):
     state = full.from_vectors(start[:3], start[3:])
     constants = np.append(runs.constants[0], EXACT["mu"])
     runs = replace(runs, y0=state[None], constants=constants[None])
-    out = integrate(runs, METHODS["dop853"], SLIDING["full"], tol=tol)
+    out = integrate(runs, METHODS["dop853"], find_model("full_sliding"), tol=tol)
     slide = {name: float(value) for name, value in EXACT["slide"].items()}
     assert out.n_slides == 1
     assert out.t_slide == pytest.approx([slide["begin"]], abs=error)
     duration = slide["end"] - slide["begin"]
     assert out.slide_time == pytest.approx([duration], abs=error)
-    energy = full.energy(*state, *runs.constants[0, :6])
+    energy = full.energy(tuple(state), tuple(runs.constants[0, :6]))
     assert out.slide_work * energy == pytest.approx([-slide["work"]], abs=error)

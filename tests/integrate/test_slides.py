@@ -18,10 +18,11 @@ from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.lanes import slides
 from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.lanes.lane import SLIDING as SLIDING_MODE
-from rattlesweep.integrate.model import FULL, FULL_ELLIPSOID, SLIDING, VECTORS_SLIDING
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.physics import full, vectors
+from rattlesweep.motion.anywhere import from_slopes
+from rattlesweep.motion.model import FULL, FULL_ELLIPSOID, find_model
+from rattlesweep.physics import full
 from rattlesweep.physics.readings import Shape, contact_point
 from rattlesweep.physics.sliding import cos_sin
 
@@ -36,7 +37,9 @@ def with_mu(batch, mu):
 
 
 def slide(batch, mu, model="full", **settings):
-    return integrate(with_mu(batch, mu), DOP853, SLIDING[model], **settings)
+    return integrate(
+        with_mu(batch, mu), DOP853, find_model(f"{model}_sliding"), **settings
+    )
 
 
 def in_friction(batch, k=0.0, sigma=0.0, rolling=0.0, eps=1e-4):
@@ -77,7 +80,7 @@ class Slider:
     """One lane that starts with a speed of its contact point, in tests alone."""
 
     def __init__(self, batch, speed, angle, tol):
-        model = SLIDING["ellipsoid"]
+        model = find_model("ellipsoid_sliding")
         self._slide = njit(slides.slide_lanes, error_model="numpy")
         self.problem = batches.problem_of(model, True)
         self.w = batches.workspace(DOP853, model, 1)[0]
@@ -202,9 +205,10 @@ def test_all_models_slide_alike():
     damped = in_friction(runs, sigma=1e-3, rolling=2e-3)
     one = slide(damped, 0.3, "full_rolling")
     assert one.n_slides > 0
-    y0, constants = vectors.from_slopes(damped.y0, with_mu(damped, 0.3).constants)
+    model = find_model("ellipsoid_rolling_sliding")
+    y0, constants = from_slopes(model, damped.y0, with_mu(damped, 0.3).constants)
     anywhere = replace(damped, y0=y0, constants=constants)
-    two = integrate(anywhere, DOP853, VECTORS_SLIDING)
+    two = integrate(anywhere, DOP853, find_model("vectors_sliding"))
     assert two.t_r == pytest.approx(one.t_r, rel=1e-9)
     assert two.slide_work == pytest.approx(one.slide_work, rel=1e-8)
     free = slide(in_friction(runs), 0.3, "full_viscous")
@@ -213,10 +217,10 @@ def test_all_models_slide_alike():
 
 def test_slides_do_not_depend_on_those_beside_them():
     runs = with_mu(sliding_sweep(), 0.1)
-    together = integrate(runs, DOP853, SLIDING["full"])
+    together = integrate(runs, DOP853, find_model("full_sliding"))
     chosen = np.argsort(-together.n_slides)[:5]
     for k in chosen:
-        alone = integrate(take(runs, [k]), DOP853, SLIDING["full"])
+        alone = integrate(take(runs, [k]), DOP853, find_model("full_sliding"))
         assert alone.n_slides == together.n_slides[k]
         assert alone.t_end == together.t_end[k]
         assert (alone.y_end == together.y_end[k]).all()
@@ -225,11 +229,11 @@ def test_slides_do_not_depend_on_those_beside_them():
 
 def test_observations_do_not_change_a_run():
     runs = with_mu(kernels.full_batch(GH, [0.3, 0.4], 0.1, t_end=60.0), 0.3)
-    plain = integrate(runs, DOP853, SLIDING["full"])
+    plain = integrate(runs, DOP853, find_model("full_sliding"))
     watched = integrate(
         runs,
         DOP853,
-        SLIDING["full"],
+        find_model("full_sliding"),
         record=frozenset(["contact", "energy", "windows"]),
     )
     assert np.array_equal(plain.t_r, watched.t_r, equal_nan=True)
@@ -238,7 +242,9 @@ def test_observations_do_not_change_a_run():
     assert watched.contact_ratio_max == pytest.approx([0.3, 0.3], abs=1e-9)
     assert (watched.contact_normal_min > 0).all()
     assert watched.energy_drift_max.max() < 1e-8
-    further = integrate(runs, DOP853, SLIDING["full"], record=frozenset(["reversals"]))
+    further = integrate(
+        runs, DOP853, find_model("full_sliding"), record=frozenset(["reversals"])
+    )
     assert further.t_r == pytest.approx(plain.t_r, rel=1e-12, nan_ok=True)
     assert (further.slide_time > plain.slide_time).any()
 
@@ -246,9 +252,9 @@ def test_observations_do_not_change_a_run():
 @pytest.mark.slow
 def test_a_run_can_be_followed_through_its_slides():
     runs = with_mu(kernels.full_batch(GH, 0.3, 0.1, t_end=60.0), 0.3)
-    out = integrate(runs, DOP853, SLIDING["full"])
+    out = integrate(runs, DOP853, find_model("full_sliding"))
     for attitude in (False, True):
-        follower = Follower(runs, DOP853, SLIDING["full"], attitude=attitude)
+        follower = Follower(runs, DOP853, find_model("full_sliding"), attitude=attitude)
         samples = follower.at(np.linspace(0, 60, 601))
         assert follower.zeros[0] == out.t_r[0]
         _, energy, normal, tangential, _ = follower.observe(samples)
@@ -262,7 +268,9 @@ def test_a_run_can_be_followed_through_its_slides():
 
 def test_the_place_of_the_foot_agrees_with_newton():
     runs = with_mu(kernels.full_batch(GH, 0.3, 0.1, t_end=24.0), 0.3)
-    follower = Follower(runs, DOP853, SLIDING["full"], attitude=True, tol=1e-12)
+    follower = Follower(
+        runs, DOP853, find_model("full_sliding"), attitude=True, tol=1e-12
+    )
     step = 2e-3
     samples = follower.at(np.arange(19.0, 24.0, step))
     _, _, _, tangential, _ = follower.observe(samples)
@@ -342,10 +350,10 @@ def test_a_slide_whose_normal_force_grows_without_bound_is_jammed():
     runs = with_mu(
         kernels.full_batch(body, -0.5, 0.001, psi=1.476828925601111, t_end=500.0), 10.0
     )
-    out = integrate(runs, DOP853, SLIDING["full"])
+    out = integrate(runs, DOP853, find_model("full_sliding"))
     assert out.status == Status.JAMMED
     assert out.t_slide < out.t_end < out.t_slide + 1
-    follower = Follower(runs, DOP853, SLIDING["full"])
+    follower = Follower(runs, DOP853, find_model("full_sliding"))
     normal = np.zeros(0)
     while not follower.ended:
         _, _, normal, _, _ = follower.observe(follower.steps())
@@ -388,7 +396,7 @@ def test_no_tolerance_lets_a_slide_pass_the_singularity(body, launch, mu):
     runs = with_mu(kernels.full_batch(body, t_end=60.0, **launch), mu)
     ends = []
     for tol in (1e-8, 1e-9, 1e-10, 1e-11, 1e-12):
-        out = integrate(runs, DOP853, SLIDING["full"], tol=tol)
+        out = integrate(runs, DOP853, find_model("full_sliding"), tol=tol)
         assert out.status == Status.JAMMED, tol
         ends.append(out.t_end[0])
     assert ends == pytest.approx([ends[-1]] * 5, rel=1e-8)
@@ -407,7 +415,7 @@ def test_rounding_errors_of_a_long_slide_reject_no_step():
     runs = with_mu(kernels.full_batch(body, 0.3, 0.01, t_end=160.0), 0.1)
     times = []
     for tol in (1e-10, 1e-12, 1e-13, 1e-14):
-        out = integrate(runs, DOP853, SLIDING["full"], tol=tol)
+        out = integrate(runs, DOP853, find_model("full_sliding"), tol=tol)
         assert out.status == Status.OK, tol
         times.append(out.t_r[0])
     assert times == pytest.approx([times[-1]] * 4, rel=1e-10)
@@ -426,7 +434,7 @@ def test_a_direction_may_turn_until_rest():
     }
     runs = with_mu(kernels.full_batch(body, 0.5, 0.1, t_end=34.0), 0.3)
     for tol in (1e-12, 1e-14):
-        out = integrate(runs, DOP853, SLIDING["full"], tol=tol)
+        out = integrate(runs, DOP853, find_model("full_sliding"), tol=tol)
         assert out.n_slides == 8, tol
         assert abs(out.energy_drift) < 1e-12, tol
 
@@ -455,10 +463,12 @@ def test_a_slide_begins_where_the_mobility_is_positive():
 
 def test_the_least_normal_force_is_that_between_steps_of_slides():
     runs = with_mu(sliding_sweep(), 0.2)
-    out = integrate(runs, DOP853, SLIDING["full"], record=frozenset(["contact"]))
+    out = integrate(
+        runs, DOP853, find_model("full_sliding"), record=frozenset(["contact"])
+    )
     chosen = np.flatnonzero((out.n_slides > 0) & (out.status == Status.OK))[:12]
     for k in chosen:
-        follower = Follower(take(runs, [k]), DOP853, SLIDING["full"])
+        follower = Follower(take(runs, [k]), DOP853, find_model("full_sliding"))
         samples = follower.at(np.linspace(0, out.t_end[k], 20_000))
         _, _, normal, _, _ = follower.observe(samples)
         assert out.contact_normal_min[k] == pytest.approx(normal.min(), abs=2e-5)
@@ -471,7 +481,7 @@ def test_a_paraboloid_beside_an_ellipsoid_keeps_its_bits(slides_too):
     beside = replace(runs, constants=mixed)
     flat, model = FULL, FULL_ELLIPSOID
     if slides_too:
-        flat, model = SLIDING["full"], SLIDING["ellipsoid"]
+        flat, model = find_model("full_sliding"), find_model("ellipsoid_sliding")
         runs = with_mu(runs, 0.3)
         beside = with_mu(beside, 0.3)
     alone = integrate(take(runs, [0, 2]), DOP853, flat)

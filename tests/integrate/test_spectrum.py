@@ -8,8 +8,8 @@ import spectrum_oracle
 
 import rattlesweep as rs
 from rattlesweep.integrate.batch import exponents, integrate, longest_frame_steps
-from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
+from rattlesweep.motion.model import FULL
 from rattlesweep.physics import frame, full, steady, tangent
 
 GH = oracle.GH
@@ -42,11 +42,11 @@ def random_motion(size, seed):
         q = full.constants(12.0, 1.6, 11.0, theta, rng.uniform(0.01, 0.2), -0.05)
         y = tuple(rng.standard_normal(5) * [0.3, 0.3, 0.3, 0.3, 1.0])
         q = tuple(map(float, q))
-        yield y, full.rhs(*y, *q), tuple(rng.standard_normal(15)), q
+        yield y, full.rhs(y, q), tuple(rng.standard_normal(15)), q
 
 
 def norm_of(v, q):
-    return np.sqrt(tangent.square(*v, *q))
+    return np.sqrt(tangent.square(v, q))
 
 
 def test_a_frame_is_factored_into_orthonormal_tangents_and_a_triangle():
@@ -67,7 +67,7 @@ def test_flow_and_gradient_are_normal_to_transverse_tangents():
     for y, dy, v, q in random_motion(20, 2):
         flow, steep = frame.trivial(y, dy, q)
         assert np.sqrt(flow) == pytest.approx(norm_of(dy, q))
-        gradient = np.array(tangent.gradient(*y, *q))
+        gradient = np.array(tangent.gradient(y, q))
         # The norm of a gradient is the largest change of energy by a unit tangent.
         random = np.random.default_rng(3).standard_normal((2000, 5))
         changes = [abs(gradient @ w) / norm_of(w, q) for w in random]
@@ -194,8 +194,8 @@ def kernel_frame(body, omega, u):
     root = np.linalg.cholesky(norm).T
     q = tuple(map(float, full.constants(*body)))
     y = (u[0] / u[2], u[1] / u[2], *omega)
-    flow = full.rhs(*y, *q)
-    gradient = np.linalg.solve(norm, tangent.gradient(*y, *q))
+    flow = full.rhs(y, q)
+    gradient = np.linalg.solve(norm, tangent.gradient(y, q))
     unit = gradient / np.sqrt(gradient @ norm @ gradient)
     seeds = np.reshape(frame.seed(y, q), (3, 5))
     level = np.array([flow, *seeds]).T

@@ -22,9 +22,9 @@ from rattlesweep.design.single import Launch
 from rattlesweep.integrate import follow as follow_module
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow import Follower
-from rattlesweep.integrate.model import FULL, FULL_ELLIPSOID
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.motion.model import FULL, FULL_ELLIPSOID
 
 GH = rs.Rattleback.gh()
 DOP853 = METHODS["dop853"]

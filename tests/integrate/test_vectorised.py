@@ -13,7 +13,6 @@ from numba import float64, njit, typeof
 
 from rattlesweep.integrate.lanes import kernel, looks, runs, tangents
 from rattlesweep.integrate.lanes.lane import INNER, lane_of
-from rattlesweep.integrate.model import MODELS, TANGENT
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.full import FASTMATH
 
@@ -35,12 +34,15 @@ kinds = pytest.mark.parametrize(
     [
         pytest.param(m, model, marks=[] if (m, model) in QUICK else [pytest.mark.slow])
         for m in METHODS
-        for model in MODELS
+        for model in kernels.MODEL_NAMES
     ],
 )
 models = pytest.mark.parametrize(
     "model",
-    [pytest.param(m, marks=[] if m == "full" else [pytest.mark.slow]) for m in MODELS],
+    [
+        pytest.param(m, marks=[] if m == "full" else [pytest.mark.slow])
+        for m in kernels.MODEL_NAMES
+    ],
 )
 
 PIECES = {
@@ -106,13 +108,13 @@ def models_that_roll():
 
     All are tried with code for AVX2 by `.ci/run`; quick is the one with most couples.
     """
-    for model in MODELS:
+    for model in kernels.MODEL_NAMES:
         if not model.endswith("sliding"):
             marks = [] if model == "full_rolling_pivoting" else [pytest.mark.slow]
             yield pytest.param(model, marks=marks)
 
 
-@pytest.mark.parametrize("model", models_that_roll())
+@pytest.mark.parametrize("model", [*models_that_roll()])
 def test_rates_are_vectorised(model):
     """The right-hand side alone: it compiles in a fraction of a step's time."""
     problem = typeof(kernels.problem("dop853", model))
@@ -143,7 +145,7 @@ def test_lanes_move_on_vectorised(model):
     assert_vectorised(piece("commit", "dop853", model))
     assert_vectorised(piece("advance", "dop853", model))
     assert_vectorised(piece("observe_spin", "dop853", model))
-    if model == TANGENT.name:
+    if model == "full_tangent":
         assert_vectorised(piece("advance_tangent", "dop853", model))
 
 

@@ -10,14 +10,15 @@ from stones import constants_of, random_bodies
 from sweeping import plan_of, prepared
 
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.model import FULL_ELLIPSOID, VECTORS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.motion.model import FULL_ELLIPSOID, find_model
 from rattlesweep.physics import full
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.work.block import run_batch
 
 DOP853 = METHODS["dop853"]
+VECTORS = find_model("vectors")
 
 
 def rollers(samples, **others):

@@ -12,9 +12,10 @@ from stones import constants_of, of_model, random_bodies
 
 import rattlesweep as rs
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.model import FRICTION, FULL, FULL_ELLIPSOID, VECTORS
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.physics import full, vectors
+from rattlesweep.motion.anywhere import from_slopes
+from rattlesweep.motion.model import FULL
+from rattlesweep.physics import full
 
 DOP853 = METHODS["dop853"]
 RK4 = METHODS["rk4"]
@@ -23,7 +24,7 @@ VOLUME = frozenset(["volume"])
 
 @pytest.mark.parametrize(
     "model",
-    [m for m in (FULL, FULL_ELLIPSOID, *FRICTION.values()) if m.volume is not None],
+    [m for m in kernels.ROLLING if m.volume is not None],
     ids=lambda m: m.name,
 )
 def test_rate_is_the_trace_of_the_derivative_over_omega(model):
@@ -48,8 +49,8 @@ def test_rate_is_the_trace_of_the_derivative_over_omega(model):
                 wanted += (ends[0] - ends[1]) / (2 * h)
         assert got == pytest.approx(float(wanted), rel=1e-10, abs=1e-13)
         if body["c"] is not None and model.name.endswith("rolling"):
-            there = vectors.from_slopes(np.array([state]), np.array([q]))
-            other = VECTORS.volume(
+            there = from_slopes(model, np.array([state]), np.array([q]))
+            other = model.anywhere.volume(
                 (*(3 * there[0][0, :3]), *there[0][0, 3:]), tuple(there[1][0])
             )
             assert other == pytest.approx(got, rel=1e-9, abs=1e-12)

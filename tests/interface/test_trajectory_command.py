@@ -15,8 +15,8 @@ import rattlesweep as rs
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.design.single import Launch
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.motion.model import FULL
 
 GH = rs.Rattleback.gh()
 CONTACT = ["t", "F_normal", "friction_ratio"]

@@ -43,7 +43,7 @@ def test_matrix_is_the_jacobian_of_the_full_dynamics_of_the_oracle_and_of_the_pa
                 for sign in (1, -1):
                     state = [mp.mpf(0)] * 4 + [-mp.mpf(n)]
                     state[column] = sign * h
-                    ends.append(rhs(*state, *exact))
+                    ends.append(rhs(tuple(state), tuple(exact)))
                 for row, (after, before) in enumerate(zip(*ends, strict=True)):
                     jacobian[row, column] = float((after - before) / (2 * h))
         # Entry by entry, including the zeros; the spin does not change.
@@ -154,7 +154,7 @@ def energy_norm(constants):
     norm[0, 1] = norm[1, 0] = cxy
     for start in np.random.default_rng(1).normal(size=(3, 4)):
         assert start @ norm @ start == pytest.approx(
-            full.oscillation.py_func(*start, ix, iy, cxx, cxy, cyy), rel=1e-14
+            full.oscillation.py_func(start, constants), rel=1e-14
         )
     return np.linalg.cholesky(norm).T
 

@@ -1,5 +1,6 @@
 """Ellipsoids and friction against an independent formulation of the mechanics."""
 
+import kernels
 import numpy as np
 import pytest
 import stone_oracle
@@ -7,11 +8,11 @@ from exact import exactly
 from mpmath import mp
 from stones import constants_of, of_model, random_bodies
 
-from rattlesweep.integrate.model import FRICTION, FULL_ELLIPSOID
+from rattlesweep.motion.model import FULL_ELLIPSOID, generic_equations
 from rattlesweep.physics import full, stone
 
 # The equations with pivoting are in test_pivoting.
-SMOOTH = [model for model in FRICTION.values() if model.pivot is None]
+SMOOTH = [model for model in kernels.DAMPED if model.pivot is None]
 MODELS = [FULL_ELLIPSOID, *SMOOTH]
 
 
@@ -43,23 +44,21 @@ def test_equations_are_those_of_mechanics(model):
         )
         if model.n_state == 6:
             assert got[5] == pytest.approx(power, rel=1e-10, abs=1e-13)
-        fx, fy, rise, *_ = model.surface.contact(
-            p,
-            q_slope,
-            *omega,
-            *got[:2],
-            p * omega[1] - q_slope * omega[0],
-            *q[3 : 3 + 4],
+        twist = p * omega[1] - q_slope * omega[0]
+        touch = model.surface.contact(
+            tuple(state), (*got[:2], twist), tuple(map(float, q[3:7]))
         )
         r, _ = stone_oracle.contact(u, du, body)
-        np.testing.assert_allclose([p + fx, q_slope + fy, 1 - rise], r, atol=1e-12)
+        np.testing.assert_allclose(
+            full.contact_point(tuple(state), touch), r, atol=1e-12
+        )
 
 
 def test_the_adjugate_is_the_inverse_times_the_determinant():
     """In whole numbers, where nothing is rounded."""
     r = np.array([3, -5, 2])
     inertia = np.array([7, 2, 11])
-    (xx, yy, zz, yz, zx, xy), det = stone.adjugate.py_func(*r, *inertia)
+    (xx, yy, zz, yz, zx, xy), det = stone.adjugate.py_func(r, inertia)
     left = np.diag(inertia + r @ r) - np.outer(r, r)
     adjugate = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
     np.testing.assert_array_equal(adjugate @ left, det * np.eye(3))
@@ -69,14 +68,14 @@ def test_the_adjugate_is_the_inverse_times_the_determinant():
 
 
 @pytest.mark.parametrize("model", SMOOTH, ids=lambda model: model.name)
-def test_the_cheaper_form_of_a_law_is_that_of_its_couples(model):
+def test_cheaper_equations_are_those_of_a_sum_of_actions(model):
+    rhs, _ = generic_equations(model.chart, model.actions, model.layout)
     for body, u, omega, sigma, rolling in random_bodies(40, 3):
         body, sigma, rolling = of_model(model, body, sigma, rolling)
         state = *map(float, full.from_vectors(u, omega)), 0.3
         q = [float(x) for x in constants_of(model, body, sigma, rolling)]
         wanted = model.rhs(tuple(state), tuple(q))
-        got = stone.rhs_of_couples(
-            model.law.couples,
+        got = rhs(
             model.surface.contact,
             state,
             tuple(q[:3]),

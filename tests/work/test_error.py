@@ -23,10 +23,10 @@ from rattlesweep.design.columns import RUN_FIELDS, runs_schema
 from rattlesweep.design.plan import Plan
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import Batch, Outcome, integrate
-from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Control
+from rattlesweep.motion.model import FULL
 from rattlesweep.store.classify import classify_stored
 from rattlesweep.store.rows import open_stored, same_bits
 from rattlesweep.store.summary import read_summary

@@ -20,7 +20,6 @@ from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
 from rattlesweep.design.batches import make_batch
 from rattlesweep.errors import ConfigError
-from rattlesweep.physics import surface as surfaces
 from rattlesweep.physics.si import Units
 from rattlesweep.quantities import LOSSES
 
@@ -254,11 +253,6 @@ def make_case(
     """
     if run.model != "full":
         raise ConfigError(f"model: {run.model} has no moving body; leave it out")
-    if not surfaces.SURFACES[run.config.bodies.bottom].quadric:
-        raise ConfigError(
-            f"surface: a {run.config.bodies.bottom} is neither an ellipsoid nor a "
-            "paraboloid; only these are exported"
-        )
     units = _units(run, height)
     if run.units is None:
         chosen = f"The size and the mass of {ASSUMED_MASS:g} kg are chosen."

@@ -13,14 +13,14 @@ import numpy as np
 from rattlesweep.analysis.derived import si_of
 from rattlesweep.arrays import Flags, Floats
 from rattlesweep.errors import ConfigError, not_one_of
-from rattlesweep.integrate.attitude import HEADING, PLACE, QUATERNION
 from rattlesweep.integrate.lanes.lane import SLIP_ANGLE, SLIP_SPEED, SLIP_WORK
+from rattlesweep.motion.chart import ANYWHERE
+from rattlesweep.motion.rotations import HEADING, PLACE, QUATERNION
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.full import quaternion
 from rattlesweep.physics.readings import (
     Shape,
     contact_point,
-    contact_point_on,
     mode_energies,
 )
 from rattlesweep.quantities import ENERGY, FORCE, LENGTH, RATE, SPEED, TIME
@@ -56,7 +56,7 @@ class View:
     @property
     def is_anywhere(self) -> bool:
         """Whether the variables are those of a body in any position."""
-        return self.follower.model.name.startswith("vectors")
+        return self.follower.model.chart is ANYWHERE
 
     @cached_property
     def observed(self) -> Floats:
@@ -67,10 +67,9 @@ class View:
     def work(self) -> Floats:
         """The work of the dissipation: of couples, a variable, and of slides."""
         of_slides: Floats = self.samples.slip[:, SLIP_WORK]
-        if self.is_anywhere:
-            of_slides = of_slides + self.y[-1]
-        elif self.follower.model.law is not None:
-            of_slides = of_slides + self.y[full.N_STATE]
+        model = self.follower.model
+        if model.actions:
+            of_slides = of_slides + self.y[model.column("work")]
         return of_slides
 
     @property
@@ -110,11 +109,8 @@ class View:
     @property
     def contact(self) -> Floats:
         """The contact point from the centre of mass, shape (3, times)."""
-        surface = self.follower.model.surface
         constants = self.follower.constants
         shape = Shape(*(constants[name] for name in Shape._fields if name in constants))
-        if surface is not None and not surface.quadric:
-            return contact_point_on(surface, *self.slopes, shape)
         point = contact_point(*self.slopes, shape)
         if not self.is_anywhere:
             return point

@@ -38,8 +38,8 @@ from rattlesweep.files import streamed_file
 from rattlesweep.integrate.batch import longest_frame_steps
 from rattlesweep.integrate.follow import NORMAL_MIN, RATIO_MAX, Follower, Samples
 from rattlesweep.integrate.lanes.lane import SLIP_SPEED, SLIP_WORK
-from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.tableau import DOP853, METHODS, TOL
+from rattlesweep.motion.model import REDUCED
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.quantities import LOSSES, TIME
 from rattlesweep.text import counted

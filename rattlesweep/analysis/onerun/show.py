@@ -22,7 +22,6 @@ from rattlesweep.analysis.onerun.solids import solid_of_page
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.defaults import FRAMES_A_PERIOD
 from rattlesweep.errors import ConfigError
-from rattlesweep.physics import surface as surfaces
 from rattlesweep.quantities import RATE, TIME
 
 _COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r", "energy")
@@ -56,11 +55,6 @@ def course_of_page(
     if run.model != "full":
         raise ConfigError(
             f"the model {run.model} has no moving body; show needs the full one"
-        )
-    surface = surfaces.SURFACES[run.config.bodies.bottom]
-    if not surface.quadric:
-        raise ConfigError(
-            f"the surface {surface.name} cannot be drawn; use trajectory instead"
         )
     if points is None:
         points = run.even_rows(FRAMES_A_PERIOD, FEWEST_ROWS, MOST_FRAMES, from_time)

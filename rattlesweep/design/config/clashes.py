@@ -133,9 +133,6 @@ def _dissipation(config: Config) -> Iterator[Clash]:
         )
     if any(FROM_TABLE in values for values in losses.values.values()) and not table:
         yield "dissipation", "the word table needs source: table; give a number"
-    if losses.has_couples and losses.law is None:
-        together = " and ".join(losses.present)
-        yield "dissipation", f"no law of friction has {together}; leave one out"
     if losses.slides:
         yield from _sliding(config)
     if losses and config.model != "full":

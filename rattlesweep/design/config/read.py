@@ -187,7 +187,7 @@ def fixed_part(config: Config) -> dict[str, Any]:
     fixed = config.model_dump(mode="json", exclude_none=True, exclude=free)
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         fixed["bodies"]["target"]["coefficient"] = config.bodies.target.name
-    laws = [config.dissipation.law or ""]
+    laws = [config.dissipation.law]
     if config.dissipation.slides:
         laws.append("sliding")
     fixed["dissipation"] = "_".join(laws)

@@ -680,9 +680,9 @@ class Dissipation(LossKeys):  # type: ignore[misc]
         return bool(COUPLE_CONSTANTS.intersection(self.present))
 
     @property
-    def law(self) -> str | None:
-        """The law of friction, None without couples."""
-        return law_of(self.present) if self.has_couples else None
+    def law(self) -> str:
+        """The actions of the constants, as models are named by them."""
+        return law_of(self.present)
 
     @property
     def pivots(self) -> bool:

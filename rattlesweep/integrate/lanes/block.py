@@ -31,7 +31,7 @@ from rattlesweep.integrate.lanes.lane import (
     sums,
 )
 from rattlesweep.integrate.lanes.step import span
-from rattlesweep.integrate.model import Model
+from rattlesweep.motion.model import Model
 from rattlesweep.physics.full import FASTMATH, TINY
 
 METHOD = radau(STAGES)

@@ -37,8 +37,8 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from rattlesweep.arrays import Floats
 from rattlesweep.integrate.collocation import STAGES
-from rattlesweep.integrate.model import Model
 from rattlesweep.integrate.tableau import Tableau
+from rattlesweep.motion.model import Model
 
 if TYPE_CHECKING:
     from numba.core.base import BaseContext

@@ -50,7 +50,7 @@ from rattlesweep.integrate.lanes.lane import (
 )
 from rattlesweep.integrate.lanes.statuses import AT_LIMIT, RIM
 from rattlesweep.integrate.lanes.tangents import nothing
-from rattlesweep.integrate.model import Model
+from rattlesweep.motion.model import Model
 from rattlesweep.physics.full import FASTMATH, scalar
 
 # The results of a run in any model.

@@ -13,10 +13,19 @@ LEAST_MOBILITY = 1e-3  # below it the normal force grows without bound
 @scalar
 def contact_of(model, y, slip, mu, constants):
     """Return the contact of a body, ``I^-1 g``, and what `Slide.place` returns."""
-    placed = model.slide.place(y, mu * slip.speed, constants)
-    _, u, omega, r, w, inertia, torque, drag = placed
-    contact, own = contact_at(u, omega, r, w, inertia, torque, drag)
-    return contact, own, placed
+    at = model.slide.place(y, slip, mu, constants)
+    contact, own = contact_at(
+        at.u,
+        at.omega,
+        at.r,
+        at.w,
+        at.inertia,
+        at.torque,
+        at.drag,
+        1.0 + at.weight,
+        at.force,
+    )
+    return contact, own, at
 
 
 class Motion(NamedTuple):
@@ -33,11 +42,10 @@ class Motion(NamedTuple):
 @scalar
 def motion_at(model, y, slip, mu, constants):
     """Return the :class:`Motion` of a body in a state."""
-    contact, own, placed = contact_of(model, y, slip, mu, constants)
-    _, u, _, r, _, inertia, _, drag = placed
+    contact, own, at = contact_of(model, y, slip, mu, constants)
     normal, mobility, along, across, slope = push(contact, mu, slip.angle)
-    turned = spun(own, u, r, inertia, drag, mu, slip.angle, normal)
-    f = model.slide.derivative(y, slip, placed, turned, normal)
+    turned = spun(own, at.u, at.r, at.inertia, at.drag, mu, slip.angle, normal)
+    f = model.slide.derivative(y, slip, at, turned, normal, constants)
     inverse = 1.0 / slip.speed
     turning = across * inverse - contact.turn
     rate = Slip(along, turning, -mu * normal * slip.speed)

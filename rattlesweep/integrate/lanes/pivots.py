@@ -172,8 +172,8 @@ def free(lane):
         torque, normal = model.pivot(lane.y1, lane.constants)
         share = -torque / (lever * normal + TINY)
         turning = spin_of_share(share, lever + TINY, least)
-    _, u, _, _, _, _, _, _ = model.slide.place(lane.y1, 0.0, lane.constants)
-    lane.y1 = model.slide.turned(lane.y1, u, turning - spin)
+    at = model.slide.place(lane.y1, lane.slip1, 0.0, lane.constants)
+    lane.y1 = model.slide.turned(lane.y1, at.u, turning - spin)
     lane.constants = lane.constants[:-1] + (least,)  # noqa: RUF005
 
 

@@ -1063,8 +1063,8 @@ def advance(problem, w):
 @njit(fastmath=FASTMATH, **INNER)
 def energy_of(model, y, slip, constants):
     """Return the energy minus the work of friction of a body that may slide."""
-    _, u, omega, r, _, _, _, _ = model.slide.place(y, 0.0, constants)
-    moving = slip_energy(u, omega, r, slip.speed, slip.angle)
+    at = model.slide.place(y, slip, 0.0, constants)
+    moving = slip_energy(at.u, at.omega, at.r, slip.speed, slip.angle)
     return model.energy(y, constants) + moving - slip.work
 
 
@@ -1075,9 +1075,8 @@ def force_of(model, y, slip, constants, mu):
     The forces are the normal and the tangential one.
     """
     contact, _, placed = contact_of(model, y, slip, mu, constants)
-    _, u, _, _, _, _, _, drag = placed
     normal, _, _, _, _ = push(contact, mu, slip.angle)
-    return normal, mu * normal, normal * dot(drag, u)
+    return normal, mu * normal, normal * dot(placed.drag, placed.u)
 
 
 @njit(**INNER)

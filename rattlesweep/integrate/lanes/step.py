@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 
 from rattlesweep.integrate.compile import import_written
 from rattlesweep.integrate.lanes.lane import INNER, LANES, Layout
-from rattlesweep.integrate.model import Model
 from rattlesweep.integrate.tableau import Row, Tableau
+from rattlesweep.motion.model import Model
 from rattlesweep.physics.full import FASTMATH
 
 SUBSTEPS = 8  # steps of a fixed-step method between two decisions on the lanes

@@ -17,7 +17,7 @@ from rattlesweep.integrate.lanes.lane import (
     lane_of,
     widest_vectors,
 )
-from rattlesweep.integrate.model import Model
+from rattlesweep.motion.model import Model
 from rattlesweep.physics.full import FASTMATH, scalar
 
 # Columns of `runs.Recording.lyapunov` after the time and the growths of the frame.

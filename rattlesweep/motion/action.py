@@ -1,0 +1,134 @@
+"""What acts on a body beside gravity and the force that keeps it rolling.
+
+A law is a set of actions.  An action is a record; its formulas are in
+:mod:`rattlesweep.physics`, its constants in :mod:`rattlesweep.quantities`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from rattlesweep.arrays import Floats
+from rattlesweep.physics import pivoting, stone
+from rattlesweep.physics.surface import Formula
+
+Vector = tuple[float, float, float]
+
+
+class Place(NamedTuple):
+    """Where a body is and how it moves: what actions may depend on, in its own axes."""
+
+    u: Vector  # the upward vertical
+    omega: Vector  # angular velocity
+    r: Vector  # the contact point, from the centre of mass
+    w: Vector  # r x omega - dr/dt
+    velocity: Vector  # of the centre of mass
+    creep: float  # mu times the speed of sliding, 0 where the body rolls
+
+
+# Compared by identity: formulas and mappings have no other equality.
+@dataclass(frozen=True, eq=False)
+class Action:
+    """What acts on a body: torques, forces, their constants, components and work.
+
+    Each formula takes a :class:`Place` and the action's ``own`` numbers, which are its
+    constants and then its components of the state.  Vectors are in the axes of the
+    body.  What an action lacks is None, and costs nothing.
+
+    The next actions were the measure of this record:
+
+    - *A drag* is a ``force``.
+    - *A plane that shakes* has the constants ``eps, Om`` and a phase, the component
+      ``phase`` with the rate ``Om`` and the start at the constant, and the ``weight``
+      ``eps cos(phase)``.  Its ``own_work`` is that of the plane.
+    - *A slip* under ``F_t = -k v_c`` does not roll: its components are the velocity of
+      the contact point along ``h_1`` and ``h_2`` of :mod:`physics.sliding`, its
+      ``equations`` follow from ``sliding.contact_at``, and its ``energy`` is that of
+      ``sliding.slip_energy``.
+    - *A creep* beside pivoting moves the contact point at ``v_s``, which follows from
+      the force that keeps the body rolling.  No stiffness arises if ``omega`` of the
+      state is that of the rolling body with the same angular momentum about the contact
+      point: the body turns at ``omega + J^-1 (r x v_s)``.  So a creep has ``equations``
+      that ask :func:`rattlesweep.motion.sums.rolling_parts` for the force.
+    """
+
+    name: str  # one word
+    # Names of its constants.  The action is left out where the first one is zero.
+    constants: tuple[str, ...]
+    # Those among them that users do not give, and their values.
+    fixed: Mapping[str, float] = field(default_factory=dict)
+
+    # What acts, and where
+    torque: Formula | None = None  # torque(place, own)
+    # grip(place, own): a torque in proportion to the normal force, per unit of it
+    grip: Formula | None = None
+    force: Formula | None = None  # force(place, own): at the centre of mass
+    weight: Formula | None = None  # weight(place, own): what it adds to the weight 1
+    # Whether it holds the spin at zero, and opposes it elsewhere, with a torque along
+    # the vertical of at most `constants[0]` times the normal force while the body
+    # rolls.  Then `grip` is the torque while it slides.  Its constants are the last.
+    pivots: bool = False
+
+    # Further components of the state, from the launch on
+    components: tuple[str, ...] = ()
+    rates: Formula | None = None  # rates(place, own): a number for each
+    # start(constants by name): values at launch, an array for each; else zeros
+    start: Callable[[Mapping[str, Floats]], tuple[Floats, ...]] | None = None
+    # error(e, components): squares of their errors e, as twice an energy in M g a
+    error: Formula | None = None
+    # energy(place, own): of its components, beyond that of a body that rolls
+    energy: Formula | None = None
+
+    # equations(chart, acting, holds=...): what takes the place of `sums.rolling_parts`,
+    # with its arguments and values, where the contact point does not rest
+    equations: Callable[..., Formula] | None = None
+
+    # The work of all actions is a component of the state.  The name of a further one
+    # with that of this action alone:
+    own_work: str | None = None
+    # slid_power(placed, normal): its power while the body slides, if that is cheaper
+    # from the sum of all actions
+    slid_power: Formula | None = None
+
+    @property
+    def strength(self) -> str:
+        """The constant without which it does not act."""
+        return self.constants[0]
+
+
+VISCOUS = Action("viscous", ("sigma",), torque=stone.viscous_torque)
+"""It accompanies all others, so that they share fast equations."""
+
+ROLLING = Action(
+    "rolling",
+    ("rolling", "smoothing"),
+    fixed={"smoothing": stone.SMOOTHING},
+    grip=stone.rolling_torque,
+)
+PIVOTING = Action(
+    "pivoting",
+    ("pivot", "sense"),
+    # The sense of the spin, which lanes keep.
+    fixed={"sense": 1.0},
+    grip=pivoting.patch_torque,
+    pivots=True,
+    own_work="pivot work",
+    slid_power=pivoting.sliding_power,
+)
+ACTIONS: dict[str, Action] = {
+    action.name: action for action in (VISCOUS, ROLLING, PIVOTING)
+}
+"""The actions by name, in the order of their constants."""
+
+
+def in_order(actions: Iterable[Action]) -> tuple[Action, ...]:
+    """Return actions in the order of their constants, with what accompanies them."""
+    chosen = set(actions)
+    if chosen:
+        chosen.add(VISCOUS)
+    known = [action for action in ACTIONS.values() if action in chosen]
+    further = sorted(chosen - set(known), key=lambda action: action.name)
+    # The constants of an action that pivots are the last.
+    return tuple(sorted([*known, *further], key=lambda action: action.pivots))

@@ -1,0 +1,827 @@
+"""Models: a chart, a surface and actions, composed to equations of motion."""
+
+# mypy: disable-error-code="no-untyped-def"
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from rattlesweep.arrays import Floats
+from rattlesweep.motion.action import (
+    ACTIONS,
+    ROLLING,
+    VISCOUS,
+    Action,
+    Place,
+    Vector,
+    in_order,
+)
+from rattlesweep.motion.chart import ANYWHERE, SLOPES, Chart
+from rattlesweep.motion.fast import Fast, fast_for
+from rattlesweep.motion.sums import (
+    Layout,
+    Sum,
+    contact_force,
+    own_rates,
+    power_formula,
+    rolling_parts,
+    with_own_energy,
+)
+from rattlesweep.motion.track import UNSEEN, track_of
+from rattlesweep.physics import frame, full, reduced, sliding, stone, tangent, vectors
+from rattlesweep.physics.full import TINY, scalar
+from rattlesweep.physics.sliding import cross
+from rattlesweep.physics.surface import (
+    ELLIPSOID,
+    PARABOLOID,
+    SURFACES,
+    Formula,
+    Surface,
+)
+
+
+class Placed(NamedTuple):
+    """Where a sliding body is, and what acts on it beside the contact force."""
+
+    rates: tuple[float, ...]  # of the position
+    u: Vector
+    omega: Vector
+    r: Vector
+    w: Vector
+    inertia: Vector
+    torque: Vector
+    drag: Vector  # torque per unit of the normal force
+    force: Vector  # at the centre of mass
+    weight: float  # beyond 1
+    velocity: Vector  # of the centre of mass
+
+
+@dataclass(frozen=True)
+class Slide:
+    """What a model needs for sliding.
+
+    Formulas take tuples as those of :class:`Model` do.  The coefficient of friction is
+    a further constant of a run, after ``constants``.
+    """
+
+    # place(y, slip, mu, constants): where the body is, as `Placed`
+    place: Formula
+    # derivative(y, slip, placed, domega/dt, normal force, constants): dy
+    derivative: Formula
+    # turned(y, u, rate): y with the angular velocity changed by rate u
+    turned: Formula
+    # Slope beyond which the state says too little about the contact for a slide to
+    # begin; such a run is integrated again in the variables of `Model.anywhere`.
+    steepest: float = inf
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Equations of motion and observed quantities, as compiled functions of numbers.
+
+    The formulas take tuples of numbers: the state ``y``, its derivative ``dy`` and the
+    ``constants`` of the body.  What a model does not have is None.
+    """
+
+    name: str  # by which :func:`find_model` composes it
+    components: tuple[str, ...]  # names of the components of the state
+    constants: tuple[str, ...]  # their names
+    # Numbers in a ``probe``, which tells the relevant mode: for bodies its left
+    # eigenvector, first the real part.
+    n_probe: int
+    rhs: Formula  # rhs(y, constants): dy
+    spin: Formula  # spin(y)
+    spin_rate: Formula  # spin_rate(y, dy)
+    # amplitude(y, probe): square of the amplitude of the relevant oscillation
+    amplitude: Formula
+    # error(e, y, constants): two squares that a step control compares: that of the
+    # error e of a step, and that of the oscillation
+    error: Formula
+    # energy(y, constants): conserved; where something acts, the energy minus its work
+    energy: Formula
+    # force(y, dy, constants): normal force, then the square of the tangential force
+    force: Formula
+    work: Formula  # work(y): work of the actions since the launch
+
+    # Where a run ends or changes.
+    # limit(y, constants): positive where the model holds; a run ends where it is zero
+    limit: Formula | None = None
+    # rise(y, constants): height of the contact over the lowest point of the body, along
+    # its z axis; None for models without a contact point
+    rise: Formula | None = None
+    slide: Slide | None = None  # None: the plane holds the body whatever the force
+
+    # What the model is composed of.
+    chart: Chart | None = None
+    surface: Surface | None = None
+    actions: tuple[Action, ...] = ()
+    # Of an action that pivots.  pivot(y, constants): the torque along the vertical and
+    # the normal force.  pivot_work(y): its work, negative.
+    pivot: Formula | None = None
+    pivot_work: Formula | None = None
+    volume: Formula | None = None  # volume(y, constants): rate of phase volume
+    # Number of components, the last ones, that the state of a sweep lacks.
+    n_extra: int = 0
+
+    # Functions x of the state that are cheaper to integrate beside it than to compute
+    # in each stage.  carried_start(y, constants): x at the start of a step.
+    # carried_rhs(y, x, constants): dy and dx.
+    n_carried: int = 0
+    carried_start: Formula | None = None
+    carried_rhs: Formula | None = None
+
+    # For runs with tangents, small differences, whose components follow each other in
+    # ``v``.  rate(y, dy, v, constants): dv.  seed(y, constants): the first v.
+    # transverse(y, dy, v, constants): the part that is measured.
+    n_tangents: int = 0
+    rate: Formula | None = None
+    seed: Formula | None = None
+    transverse: Formula | None = None
+    square: Formula | None = None  # square(v, constants): |v|^2 of one tangent
+    # Of a frame of several tangents: factor(v, constants): the triangle R of its
+    # factors QR.  solve(v, R): the tangents Q.  trivial(y, dy, constants): squared
+    # norms of the flow and of the gradient of the energy.
+    factor: Formula | None = None
+    solve: Formula | None = None
+    trivial: Formula | None = None
+
+    # The values of constants that users do not give.
+    fixed: dict[str, float] = field(default_factory=dict)
+
+    @cached_property
+    def contact(self) -> Formula:
+        """The formula ``contact(y, constants)``: normal and tangential force."""
+        rhs = self.rhs
+        force = self.force
+
+        @scalar
+        def contact(y, constants):
+            normal, square = force(y, rhs(y, constants), constants)
+            return normal, sqrt(square)
+
+        formula: Formula = contact
+        return formula
+
+    @property
+    def layout(self) -> Layout:
+        """Where the numbers of actions are."""
+        return Layout(self.components, self.constants)
+
+    @property
+    def n_state(self) -> int:
+        """The number of components of the state."""
+        return len(self.components)
+
+    @property
+    def n_constants(self) -> int:
+        """The number of ``constants``."""
+        return len(self.constants)
+
+    @property
+    def of_runs(self) -> tuple[str, ...]:
+        """The names of all constants of a run: the body's, and what slides need."""
+        if self.slide is None:
+            return self.constants
+        return *self.constants, "mu"
+
+    def named(self, values: Floats) -> dict[str, Floats]:
+        """Return constants of runs, one in each row of `values`, by their names."""
+        return dict(zip(self.of_runs, values, strict=True))
+
+    def column(self, component: str) -> int:
+        """Return the place of a component of the state."""
+        return self.components.index(component)
+
+    def at_launch(self, place: Floats, values: Mapping[str, Floats]) -> Floats:
+        """Return states at launch, a row each, from their first components.
+
+        `values` are the constants of the runs by name.
+        """
+        y0 = np.zeros((len(place), self.n_state))
+        y0[:, : place.shape[1]] = place
+        for action in self.actions:
+            if action.start is not None:
+                starts = action.start(values)
+                for name, start in zip(action.components, starts, strict=True):
+                    y0[:, self.column(name)] = start
+        return y0
+
+    # The same body in other models
+
+    @property
+    def vanishing(self) -> tuple[str, ...]:
+        """The constants that another model lacks, for bodies with zero for them."""
+        if self.chart is not SLOPES:
+            return ()
+        names = [each.strength for each in self.actions if each is not VISCOUS]
+        if self.surface is not PARABOLOID:
+            names.append("k")
+        return tuple(names)
+
+    def without(self, names: Collection[str]) -> Model:
+        """Return the model of bodies that have zero for some constants of a model."""
+        assert self.chart is not None
+        assert self.surface is not None
+        left = [each for each in self.actions if each.strength not in names]
+        on = PARABOLOID if "k" in names else self.surface
+        return compose(self.chart, on, left, slides=self.slide is not None)
+
+    @property
+    def anywhere(self) -> Model | None:
+        """The model in variables that exist in any position, where they can be left."""
+        if self.chart is not SLOPES or self.surface is None or not self.surface.closed:
+            return None
+        slides = self.slide is not None
+        return compose(ANYWHERE, self.surface, self.actions, slides=slides)
+
+    @property
+    def with_attitude(self) -> Model:
+        """The model that adds the attitude, for single steps."""
+        return find_model(f"{self.name}{ATTITUDE}")
+
+
+ATTITUDE = "_attitude"
+SLIDING = "_sliding"
+TANGENTS = {"_tangent": 1, "_frame": frame.N_TANGENTS}
+
+
+@scalar
+def no_work(y):
+    """Return the work where nothing acts."""
+    return 0.0
+
+
+def _picked(component: int) -> Formula:
+    """Return a component of the state as a formula."""
+
+    @scalar
+    def picked(y):
+        return y[component]
+
+    return picked  # type: ignore[no-any-return]
+
+
+def compose(
+    chart: Chart,
+    surface: Surface,
+    actions: Iterable[Action] = (),
+    *,
+    slides: bool = False,
+    tangents: int = 0,
+) -> Model:
+    """Return the model of bodies on a surface under actions, in a chart.
+
+    With `slides` they slide where friction cannot hold them.  In any position all sets
+    have the viscous torque and the rolling resistance, so that they share kernels.
+    `tangents` are those of the full model: none, one, or a frame.
+    """
+    acting = in_order(actions)
+    if chart is ANYWHERE:
+        acting = in_order([VISCOUS, ROLLING, *acting])
+    return _composed(chart, surface, acting, slides, tangents)
+
+
+def name_of(
+    chart: Chart, surface: Surface, actions: Collection[Action], slides: bool
+) -> str:
+    """Return the name of a composition, from which `find_model` composes it."""
+    name = surface.model
+    implied = [VISCOUS] if len(actions) > 1 else []
+    if chart is ANYWHERE:
+        name = chart.name
+        implied = [VISCOUS, ROLLING]
+    words = [name, *(each.name for each in actions if each not in implied)]
+    return "_".join(words) + (SLIDING if slides else "")
+
+
+def find_model(name: str) -> Model:
+    """Return the model of a name: ``ellipsoid_rolling_sliding``, ``reduced``, ...
+
+    Raises KeyError if there is none.
+    """
+    return MODELS.get(name) or _named(name)
+
+
+@cache
+def _named(name: str) -> Model:
+    """Return the composition of a name: surface or chart, actions, and what follows."""
+    if name.endswith(ATTITUDE):
+        return with_attitude(find_model(name.removesuffix(ATTITUDE)))
+    for ending, count in TANGENTS.items():
+        if name == f"{PARABOLOID.model}{ending}":
+            return compose(SLOPES, PARABOLOID, tangents=count)
+    first, *words = name.removesuffix(SLIDING).split("_")
+    chart = ANYWHERE if first == ANYWHERE.name else SLOPES
+    on = {each.model: each for each in SURFACES.values()} | {ANYWHERE.name: ELLIPSOID}
+    actions = [ACTIONS[word] for word in words]
+    return compose(chart, on[first], actions, slides=name.endswith(SLIDING))
+
+
+@cache
+def _composed(
+    chart: Chart,
+    surface: Surface,
+    actions: tuple[Action, ...],
+    slides: bool,
+    tangents: int,
+) -> Model:
+    constants = _constants(chart, surface, actions)
+    components = _components(chart, actions)
+    layout = Layout(components, constants)
+    fast = fast_for(chart, actions)
+    contact = surface.contact if chart is SLOPES else vectors.contact_under
+    rhs_on, parts_on = _equations(chart, actions, layout, fast)
+    n_place = len(chart.place)
+
+    model = Model(
+        name_of(chart, surface, actions, slides),
+        components,
+        constants,
+        n_probe=8,
+        rhs=_on_surface(rhs_on, contact),
+        spin=chart.spin,
+        spin_rate=chart.spin_rate,
+        amplitude=chart.amplitude,
+        error=_error(chart, actions, layout),
+        energy=_energy(chart, surface, contact, actions, layout),
+        force=_force(chart, surface, contact, actions, layout),
+        work=_picked(n_place) if actions else no_work,
+        rise=_rise(chart, contact),
+        chart=chart,
+        surface=surface,
+        actions=actions,
+        fixed={name: x for each in actions for name, x in each.fixed.items()},
+    )
+    if fast is not None and fast.volume is not None:
+        model = replace(model, volume=_volume(chart, fast.volume))
+    for action in actions:
+        if not action.pivots:
+            continue
+        assert action.own_work is not None
+        assert parts_on is not None
+        model = replace(
+            model,
+            pivot=_pivot(parts_on, contact),
+            pivot_work=_picked(layout.components.index(action.own_work)),
+        )
+    if slides:
+        slide = _slide(chart, contact, actions, layout)
+        if model.anywhere is not None:
+            slide = replace(slide, steepest=chart.steepest)
+        model = replace(model, slide=slide)
+    if surface.carried is not None and chart is SLOPES:
+        model = _with_carried(model, surface, rhs_on)
+    return _with_tangents(model, tangents) if tangents else model
+
+
+def _constants(
+    chart: Chart, surface: Surface, actions: Collection[Action]
+) -> tuple[str, ...]:
+    """Return the names of the constants of a model."""
+    of_body: tuple[str, ...] = stone.CONSTANTS
+    if surface is PARABOLOID and not actions:
+        of_body = full.CONSTANTS
+    return *of_body, *(name for each in actions for name in each.constants)
+
+
+def _components(chart: Chart, actions: Collection[Action]) -> tuple[str, ...]:
+    """Return the names of the components: place, works, those of actions."""
+    works = ["work"] if actions else []
+    # That of pivoting follows the work of all, as modes and fast equations have it.
+    for action in sorted(actions, key=lambda each: not each.pivots):
+        if action.own_work is not None:
+            works.append(action.own_work)
+    own = (name for each in actions for name in each.components)
+    return *chart.place, *works, *own
+
+
+def _equations(
+    chart: Chart, actions: tuple[Action, ...], layout: Layout, fast: Fast | None
+) -> tuple[Formula, Formula | None]:
+    """Return the derivative of the state, and its parts, with ``contact`` first.
+
+    They are formulas ``(contact, y, inertia, shape, loss)``.
+    """
+    if fast is not None:
+        return fast.rhs, fast.parts
+    return generic_equations(chart, actions, layout)
+
+
+def generic_equations(
+    chart: Chart, actions: tuple[Action, ...], layout: Layout
+) -> tuple[Formula, Formula]:
+    """Return what :func:`_equations` does, from the sum of any actions."""
+    holds = any(action.pivots for action in actions)
+    acting = Sum.of([each for each in actions if not each.pivots], layout)
+    equations = [each.equations for each in actions if each.equations is not None]
+    (parts_of,) = equations or [rolling_parts]
+    parts = parts_of(chart, acting, holds=holds)
+    further = own_rates(Sum.of(actions, layout), layout)
+    works_of = _both_works if holds else _one_work
+
+    @scalar
+    def parts_on(contact, y, inertia, shape, loss):
+        place, turned, torque, normal, power, taken, _ = parts(
+            contact, y, inertia, shape, loss
+        )
+        return place, turned, torque, normal, power, taken
+
+    if further is None:
+
+        @scalar
+        def rhs(contact, y, inertia, shape, loss):
+            place, turned, _, _, power, taken, _ = parts(
+                contact, y, inertia, shape, loss
+            )
+            return place + turned + works_of(power, taken)
+
+        return rhs, parts_on
+
+    @scalar
+    def rhs_with_own(contact, y, inertia, shape, loss):
+        rates, turned, _, normal, power, taken, place = parts(
+            contact, y, inertia, shape, loss
+        )
+        constants = inertia + shape[:4] + loss
+        own = further(place, normal, y, constants)
+        return rates + turned + works_of(power, taken) + own
+
+    return rhs_with_own, parts_on
+
+
+@scalar
+def _one_work(power, taken):
+    return (power,)
+
+
+@scalar
+def _both_works(power, taken):
+    return power + taken, taken
+
+
+def _on_surface(rhs: Formula, contact: Formula) -> Formula:
+    """Return equations of a surface as `Model.rhs`."""
+
+    @scalar
+    def on_surface(y, constants):
+        return rhs(contact, y, constants[:3], constants[3:7], constants[7:])
+
+    return on_surface  # type: ignore[no-any-return]
+
+
+def _with_carried(model: Model, surface: Surface, rhs: Formula) -> Model:
+    """Return a model that carries a function of the slope beside the state."""
+    assert surface.carried is not None
+    start_at = surface.carried.start
+    rate_at = surface.carried.rate
+    contact = surface.carried.contact
+
+    @scalar
+    def start(y, constants):
+        return (start_at(y, constants[3:7]),)
+
+    @scalar
+    def carried_rhs(y, x, constants):
+        shape = constants[3:7] + x
+        dy = rhs(contact, y, constants[:3], shape, constants[7:])
+        return dy + (rate_at(y, dy, shape),)  # noqa: RUF005
+
+    return replace(model, n_carried=1, carried_start=start, carried_rhs=carried_rhs)
+
+
+def _error(chart: Chart, actions: tuple[Action, ...], layout: Layout) -> Formula:
+    """Return the squares that a step control compares."""
+    error = chart.error_of_actions if actions else chart.error
+    for action in actions:
+        if action.error is not None:
+            error = _with_own_error(error, action, layout)
+    return error
+
+
+def _with_own_error(before: Formula, action: Action, layout: Layout) -> Formula:
+    begin = layout.components.index(action.components[0])
+    end = begin + len(action.components)
+    own = action.error
+    assert own is not None
+
+    @scalar
+    def error(e, y, constants):
+        step, size = before(e, y, constants)
+        return step + own(e[begin:end], y[begin:end]), size
+
+    return error  # type: ignore[no-any-return]
+
+
+def _energy(
+    chart: Chart,
+    surface: Surface,
+    contact: Formula,
+    actions: tuple[Action, ...],
+    layout: Layout,
+) -> Formula:
+    """Return the energy less the work of the actions."""
+    energy_of = surface.energy if chart is SLOPES else vectors.energy
+    if not actions:
+        return energy_of
+    if any(action.energy is not None for action in actions):
+        energy_of = with_own_energy(energy_of, chart, contact, Sum.of(actions, layout))
+    work = len(chart.place)
+
+    @scalar
+    def energy(y, constants):
+        return energy_of(y, constants) - y[work]
+
+    return energy  # type: ignore[no-any-return]
+
+
+def _force(
+    chart: Chart,
+    surface: Surface,
+    contact: Formula,
+    actions: tuple[Action, ...],
+    layout: Layout,
+) -> Formula:
+    """Return the contact force, as `Model.force`."""
+    if any(each.force or each.weight for each in actions):
+        return contact_force(chart, contact, Sum.of(actions, layout))
+    if chart is ANYWHERE:
+        force_anywhere: Formula = vectors.contact_force
+        return force_anywhere
+    if surface.force is not None and not actions:
+        return surface.force
+
+    @scalar
+    def force(y, dy, constants):
+        return stone.surface_force(contact, y, dy, constants)
+
+    return force  # type: ignore[no-any-return]
+
+
+def _rise(chart: Chart, contact: Formula) -> Formula:
+    """Return the height of a surface's contact, as `Model.rise`."""
+    if chart is ANYWHERE:
+        rise_anywhere: Formula = vectors.rise
+        return rise_anywhere
+
+    @scalar
+    def rise(y, constants):
+        (_, _, height), _, _ = contact(y, (0.0, 0.0, 0.0), constants[3:7])
+        return height
+
+    return rise  # type: ignore[no-any-return]
+
+
+def _volume(chart: Chart, volume_at: Formula) -> Formula:
+    """Return the rate of phase volume, as `Model.volume`."""
+    if chart is ANYWHERE:
+
+        @scalar
+        def volume(y, constants):
+            return volume_at(y, constants[:3], constants[3:7], constants[7:])
+
+        return volume  # type: ignore[no-any-return]
+
+    @scalar
+    def volume_of_slope(y, constants):
+        p, q, a, b, c = y[:5]
+        # A paraboloid is an ellipsoid with k = 0.
+        shape = (constants[3:] + (0.0,))[:4]  # noqa: RUF005
+        there = -p, -q, -1.0, a, b, c
+        return volume_at(there, constants[:3], shape, constants[7:])
+
+    return volume_of_slope  # type: ignore[no-any-return]
+
+
+def _pivot(parts: Formula, contact: Formula) -> Formula:
+    """Return the torque of an action that pivots, as `Model.pivot`."""
+
+    @scalar
+    def pivot(y, constants):
+        _, _, torque, normal, _, _ = parts(
+            contact, y, constants[:3], constants[3:7], constants[7:]
+        )
+        return torque, normal
+
+    return pivot  # type: ignore[no-any-return]
+
+
+# Sliding, where friction cannot hold the contact point.
+
+
+def _slide(
+    chart: Chart, contact: Formula, actions: tuple[Action, ...], layout: Layout
+) -> Slide:
+    """Return what bodies need that slide under actions."""
+    locate = chart.locate
+    acting = Sum.of(actions, layout)
+    torque_of = acting.torque
+    grip_of = acting.grip
+    force_of = acting.force
+    weight_of = acting.weight
+
+    @scalar
+    def place(y, slip, mu, constants):
+        rates, u, omega, r, w, _ = locate(contact, y, constants[3:7])
+        x, y_, z = cross(r, omega)
+        ex, ey, ez = sliding.slip_direction(u, slip.angle)
+        speed = slip.speed
+        velocity = x + speed * ex, y_ + speed * ey, z + speed * ez
+        at = Place(u, omega, r, w, velocity, mu * speed)
+        return Placed(
+            rates,
+            u,
+            omega,
+            r,
+            w,
+            constants[:3],
+            torque_of(at, y, constants),
+            grip_of(at, y, constants),
+            force_of(at, y, constants),
+            weight_of(at, y, constants),
+            velocity,
+        )
+
+    derivative = _without_work
+    if actions:
+        derivative = _slid_works(actions, acting, layout)
+    return Slide(place, derivative, chart.turned)
+
+
+@scalar
+def _without_work(y, slip, placed, omega_rate, normal, constants):
+    return placed.rates + omega_rate
+
+
+def _slid_works(actions: tuple[Action, ...], acting: Sum, layout: Layout) -> Formula:
+    """Return the derivative of the state of a body that slides, as `Slide`."""
+    power_of = power_formula(acting)
+
+    @scalar
+    def with_work(y, slip, placed, omega_rate, normal, constants):
+        power = power_of(
+            placed.torque,
+            placed.drag,
+            placed.force,
+            placed.weight,
+            normal,
+            placed.omega,
+            placed.velocity,
+            placed.u,
+        )
+        return placed.rates + omega_rate + (power,)
+
+    derivative: Formula = with_work
+    for action in actions:
+        if action.slid_power is not None:
+            derivative = _with_slid_power(derivative, action.slid_power)
+    further = own_rates(acting, layout)
+    return derivative if further is None else _with_slid_rates(derivative, further)
+
+
+def _with_slid_power(before: Formula, power: Formula) -> Formula:
+    @scalar
+    def derivative(y, slip, placed, omega_rate, normal, constants):
+        f = before(y, slip, placed, omega_rate, normal, constants)
+        return f + (power(placed, normal),)  # noqa: RUF005
+
+    return derivative  # type: ignore[no-any-return]
+
+
+def _with_slid_rates(before: Formula, further: Formula) -> Formula:
+    @scalar
+    def derivative(y, slip, placed, omega_rate, normal, constants):
+        f = before(y, slip, placed, omega_rate, normal, constants)
+        at = Place(placed.u, placed.omega, placed.r, placed.w, placed.velocity, 0.0)
+        return f + further(at, normal, y, constants)
+
+    return derivative  # type: ignore[no-any-return]
+
+
+# Attitude and path, for single steps
+
+
+def with_attitude(plain: Model) -> Model:
+    """Return a model with attitude and path."""
+    assert plain.chart is not None
+    assert plain.surface is not None
+    n = plain.n_state
+    track = track_of(plain.chart, plain.rhs, n, plain.surface.contact)
+    slid = track.slid
+    slide = plain.slide
+    if slide is not None:
+        plain_place = slide.place
+        plain_derivative = slide.derivative
+
+        @scalar
+        def place(y, slip, mu, constants):
+            return plain_place(y[:n], slip, mu, constants)
+
+        @scalar
+        def derivative(y, slip, placed, omega_rate, normal, constants):
+            f = plain_derivative(y[:n], slip, placed, omega_rate, normal, constants)
+            return f + slid(y, slip, placed)
+
+        slide = replace(slide, place=place, derivative=derivative)
+    return replace(
+        plain,
+        name=f"{plain.name}{ATTITUDE}",
+        components=(*plain.components, *track.names),
+        n_probe=0,
+        n_extra=len(track.names),
+        n_carried=0,
+        rhs=track.rhs,
+        slide=slide,
+        **UNSEEN,  # type: ignore[arg-type]
+    )
+
+
+# Small differences between two runs, for Lyapunov exponents
+
+
+def _with_tangents(model: Model, count: int) -> Model:
+    """Return the full model with one tangent or a frame."""
+    if count == 1:
+        return replace(
+            model,
+            name=f"{model.name}_tangent",
+            n_tangents=1,
+            rate=tangent.rate,
+            seed=tangent.seed,
+            transverse=tangent.transverse,
+            square=tangent.square,
+        )
+    return replace(
+        model,
+        name=f"{model.name}_frame",
+        n_tangents=frame.N_TANGENTS,
+        rate=frame.rate,
+        seed=frame.seed,
+        transverse=frame.transverse,
+        factor=frame.factor,
+        solve=frame.solve,
+        trivial=frame.trivial,
+    )
+
+
+# The reduced model
+
+
+@scalar
+def _reduced_spin(y):
+    return y[0]
+
+
+@scalar
+def _reduced_spin_rate(y, dy):
+    return dy[0]
+
+
+@scalar
+def _reduced_amplitude(y, probe):
+    _, e_p, e_r = y
+    w_p, w_r = probe
+    return w_p * e_p + w_r * e_r
+
+
+@scalar
+def _no_force(y, dy, constants):
+    return 1.0, 0.0
+
+
+@scalar
+def _reduced_error(e, y, constants):
+    # Each energy is compared with itself: the decaying one determines what happens much
+    # later.
+    dn, de_p, de_r = e
+    n, e_p, e_r = y
+    _, _, inertia = constants
+    spin = inertia * dn * dn / (inertia * n * n + 2.0 * (e_p + e_r) + TINY)
+    pitch = de_p * de_p / (e_p * e_p + TINY)
+    roll = de_r * de_r / (e_r * e_r + TINY)
+    return spin + pitch + roll, 1.0
+
+
+REDUCED = Model(
+    "reduced",
+    ("n", "E_p", "E_r"),
+    reduced.CONSTANTS,
+    n_probe=2,
+    rhs=reduced.rhs,
+    spin=_reduced_spin,
+    spin_rate=_reduced_spin_rate,
+    amplitude=_reduced_amplitude,
+    error=_reduced_error,
+    energy=reduced.energy,
+    force=_no_force,
+    work=no_work,
+)
+MODELS: dict[str, Model] = {REDUCED.name: REDUCED}
+"""Models that are no compositions, by name."""
+
+FULL = compose(SLOPES, PARABOLOID)
+FULL_ELLIPSOID = compose(SLOPES, ELLIPSOID)
