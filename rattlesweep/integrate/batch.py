@@ -336,10 +336,12 @@ class Outcome:
     n_slides: NDArray[np.int32]
     slide_time: Floats  # time spent sliding
     slide_work: Floats  # energy lost by sliding, relative to energy_0
-    # The next three have no rows if the model has no pivoting friction.
+    # The next four have no rows if the model has no pivoting friction.
     t_held: Floats  # begin of the first rest of the spin
     held_time: Floats  # time for which the spin is held
     pivot_work: Floats  # energy lost by pivoting, relative to energy_0
+    # 1 where a step ended at a state in which the plane would have to pull the body.
+    pulled: Floats
     # The others have no rows if they were not recorded.
     energy_drift_max: Floats
     contact_ratio_max: Floats
@@ -576,7 +578,11 @@ def _completed(outcome: Outcome, own: Model, model: Model) -> Outcome:
         return outcome
     none = np.zeros(count)
     return replace(
-        outcome, t_held=np.full(count, np.nan), held_time=none, pivot_work=none.copy()
+        outcome,
+        t_held=np.full(count, np.nan),
+        held_time=none,
+        pivot_work=none.copy(),
+        pulled=none.copy(),
     )
 
 

@@ -26,6 +26,13 @@ difference d would then be far too small.  Therefore companions of these launche
 steps of at most COMPANION_ANGLE.  In T, r is then at least (n_steps'/n_steps)^order,
 and the weight of s is SWINGING_SHARE, as these errors do not average out.
 
+**Pulled bodies** rock so hard that the plane would have to pull them.  There is no
+friction while it would, so the torque against pivoting has a kink where it ends and
+where it begins again.  No step ends there.  The step control keeps the errors of such
+steps below the tolerance, but they have any sign and do not fall with its order: a
+tolerance a hundred times tighter may leave the error of the reversal as it was.  So T
+is at least r^PULLED_POWER for these runs, and the weight of s is PULLED_SHARE.
+
 With `accuracy: {t_r: ...}`, runs with a larger estimate are integrated again, a hundred
 times tighter, with the previous run as their companion; and then once more.  A
 companion that has itself diverged from its own companion may be near the run by chance.
@@ -74,6 +81,10 @@ COMPANION_ANGLE = 2.0  # longest step of its companion, in radians of the faster
 SWINGING_SHARE = 0.01  # weight of its distance s
 # Largest r from the numbers of steps: at 1 the companion is as accurate as the run.
 MOST_RATIO = 0.6
+
+# Where the plane would have to pull the body: power of r in T, and weight of s.
+PULLED_POWER = 0.3
+PULLED_SHARE = 0.1
 
 TURN_PARTED = 5e-3  # relative difference of turns at which two runs have parted
 TURN_SLOPE = 50.0  # slope of the errors of turns
@@ -436,6 +447,9 @@ def _relative_error(
         ratio = np.where(swinging, by_steps, ratio)
     parted = _parted(apart)
     carried = np.maximum(scale.carried(ratio), parted)
+    is_pulled = _is_pulled(pair)
+    weight = np.where(is_pulled, PULLED_SHARE, weight)
+    carried = np.where(is_pulled, np.maximum(carried, ratio**PULLED_POWER), carried)
     carried = np.maximum(carried, REMEMBERED * _parted(before))
     relative = scale.common + scale.fit.slope * carried * (difference + weight * apart)
     relative += np.where(_is_unsteady(batch, model), parted**2, 0.0)
@@ -443,6 +457,15 @@ def _relative_error(
     relative += np.where(pair.grazes > 0, scale.fit.swings * one_swing, 0.0)
     relative += _error_of_slides(runs, scale)
     return np.minimum(relative, 1.0)
+
+
+def _is_pulled(pair: _Pair) -> Flags:
+    """Return the runs in which the plane would have to pull the body."""
+    runs, companions = pair
+    if not len(runs.pulled):  # without pivoting there is no such kink
+        return np.zeros(len(runs.t_r), dtype=bool)
+    is_pulled: Flags = (runs.pulled > 0) | (companions.pulled > 0)
+    return is_pulled
 
 
 def _error_of_slides(runs: Outcome, scale: _Scale) -> Floats | float:

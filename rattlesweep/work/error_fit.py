@@ -67,7 +67,7 @@ MOTION_FITS: dict[tuple[str, str], ErrorFit | None] = {
     # Zeros and rests of the spin, and slides, split the motion into smooth parts, but a
     # zero that only one of two runs has changes what follows.
     ("paraboloid", "pivoting"): ErrorFit(slope=6.0, power=0.8, looser=100.0),
-    ("ellipsoid", "pivoting"): ErrorFit(slope=6.0, looser=300.0),
+    ("ellipsoid", "pivoting"): ErrorFit(slope=8.0, looser=300.0),
     ("paraboloid", "sliding"): _SLIDING,
     ("ellipsoid", "sliding"): _SLIDING,
     ("paraboloid", "pivoting and sliding"): _PIVOTING_SLIDING,

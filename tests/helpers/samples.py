@@ -85,6 +85,55 @@ def swinging_launches(size, seed):
     return table
 
 
+def wide_launches(size, seed, losses, ellipsoid=False):
+    """Draw launches of any legal body in any position, with friction of any strength.
+
+    Skews are up to 0.5 rad.  Half of the bodies stand upright, with a spin of 0.02 to
+    0.5 and a push of 0.003 to 0.5; the others are tilted by up to 0.3 rad and turn at
+    0.03 to 0.6 about any axis.  ``losses`` are names of constants of friction; half of
+    the bodies with ``sigma`` have none of it.  The same seed has the same bodies and
+    launches, whatever the friction.
+    """
+    rng = np.random.default_rng(seed)
+    beta = rng.uniform(1.05, 4, size)
+    alpha = beta + rng.uniform(0.05, 8, size)
+    gamma = rng.uniform(alpha - beta, alpha + beta - 2)
+    theta = rng.uniform(0.3, 0.98, size)
+    phi = theta * log_uniform(rng, 0.01, 0.9, size)
+    xi = rng.uniform(0.01, 0.5, size) * rng.choice([-1, 1], size)
+    table = dict(zip(NAMES, (alpha, beta, gamma, theta, phi, xi), strict=True))
+
+    n_i = rng.choice([-1, 1], size) * log_uniform(rng, 0.02, 0.5, size)
+    push = log_uniform(rng, 0.003, 0.5, size)
+    azimuth = rng.uniform(0, 2 * np.pi, size)
+    is_tilted = rng.uniform(size=size) < 0.5
+    tilt = np.where(is_tilted, rng.uniform(0, 0.3, size), 0.0)
+    towards = rng.uniform(0, 2 * np.pi, size)
+    axis = rng.normal(size=(3, size))
+    axis *= log_uniform(rng, 0.03, 0.6, size) / np.linalg.norm(axis, axis=0)
+    upright = [push * np.cos(azimuth), push * np.sin(azimuth), -n_i]
+    omega = np.where(is_tilted, axis, upright)
+    u = (
+        np.sin(tilt) * np.cos(towards),
+        np.sin(tilt) * np.sin(towards),
+        -np.cos(tilt),
+    )
+    for k, name in enumerate("xyz"):
+        table[f"omega_{name}"] = omega[k]
+        table[f"u_{name}"] = u[k]
+
+    if ellipsoid:
+        table["c"] = 1 + log_uniform(rng, 0.01, 2, size)
+    has_sigma = rng.uniform(size=size) >= 0.5
+    strengths = {
+        "sigma": np.where(has_sigma, log_uniform(rng, 1e-5, 3e-3, size), 0.0),
+        "pivot": log_uniform(rng, 2e-4, 1e-2, size),
+        "rolling": log_uniform(rng, 1e-6, 1e-3, size),
+        "mu": rng.uniform(0.1, 1, size),
+    }
+    return table | {name: strengths[name] for name in losses}
+
+
 def rows(columns):
     """Return bodies one by one, as lists of floats."""
     return np.stack(columns, -1).tolist()

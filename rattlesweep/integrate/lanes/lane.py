@@ -462,6 +462,7 @@ class Fields:
     held_time: Number  # time held in rests that have ended
     rate_held: Number  # `rate_max` at the begin of the last one
     left_zero: Number  # `steps` when the spin last left zero, -1 for never
+    pulled: Flag  # whether a step tried ended where the plane would have to pull
     # What the torque that holds the spin lacks of its limits, one on either side: at
     # the start of the step, and at its end.  These are smooth.
     below0: Number

@@ -44,7 +44,12 @@ from rattlesweep.integrate.lanes.statuses import AT_LIMIT, OK
 from rattlesweep.physics.full import FASTMATH, TINY, scalar
 from rattlesweep.physics.pivoting import LEAST_CREEP, least_creep, spin_of_share
 
-RESULTS = ("t_held", float), ("held_time", float), ("pivot_work", float)
+RESULTS = (
+    ("t_held", float),
+    ("held_time", float),
+    ("pivot_work", float),
+    ("pulled", float),
+)
 # By what share of the lever the limit of a rest is passed before it counts, so that
 # rounding errors do not end it at once.
 PASSED = 1e-13
@@ -60,6 +65,22 @@ def set_sense(lane, sense):
     """Let the torque act against a spin of this sign, or hold the spin for 0."""
     lane.constants = lane.constants[:-1] + (sense,)  # noqa: RUF005
     lane.mode = HELD if sense == 0.0 else PIVOTING
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def note_pull(problem, w):
+    """Note on every lane whether the plane would have to pull at the end of the step.
+
+    There the torque of a spin vanishes, and so does its power.  No step sees where it
+    begins to, so the derivative has a kink within a step.
+    """
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        has_torque = problem.model.pivot_work(lane.f1) != 0.0
+        is_free = (lane.mode != PIVOTING) | (lane.n1 == 0.0) | has_torque
+        before = lane.pulled
+        lane.pulled = before if is_free else 1.0
 
 
 @njit(**INNER)
@@ -293,6 +314,7 @@ def store(lane, t, result):
     pivot_work = lane.problem.model.pivot_work
     result["t_held"] = lane.t_held if lane.t_held >= 0.0 else nan
     result["held_time"] = lane.held_time
+    result["pulled"] = lane.pulled
     # Zero and not -0 for a run without a torque.
     result["pivot_work"] = 0.0 - pivot_work(lane.y1) / lane.energy0
 
@@ -305,6 +327,7 @@ def preparing(base_prepare: Callable[..., None]) -> Callable[..., None]:
         base_prepare(lane, constants, rate)
         lane.t_held = -1.0
         lane.left_zero = -1.0
+        lane.pulled = 0.0
         lane.rate_max = rate
         settle(lane, lane.y, 0.0)
 
@@ -386,7 +409,7 @@ def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
         return status, move
 
     return (
-        Mode(PIVOTING, limit, change, rolling.margin),
+        Mode(PIVOTING, limit, change, rolling.margin, observe_limit=note_pull),
         Mode(
             HELD,
             limit_held,
