@@ -22,10 +22,10 @@ import pyarrow as pa
 from machine import all_runs, plan_of
 
 from rattlesweep.arrays import Floats
-from rattlesweep.design.columns import build_table
-from rattlesweep.design.config.read import parse_config
+from rattlesweep.config.read import parse_config
 from rattlesweep.design.plan import Plan, make_plan
-from rattlesweep.integrate.lanes.lane import LANES
+from rattlesweep.kernel.state.fields import LANES
+from rattlesweep.rows.arrow import build_table
 from rattlesweep.store.parquet import write_parquet
 from rattlesweep.store.rows import Found
 from rattlesweep.work.block import columns_of, run_batch

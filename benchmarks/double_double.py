@@ -22,7 +22,7 @@ from rattlesweep.physics import full
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rattlesweep.integrate.batch import Batch
+    from rattlesweep.kernel.outcome import Batch
 
     Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rattlesweep.analysis import style
-from rattlesweep.design.config.read import parse_config
+from rattlesweep.config.read import parse_config
 from rattlesweep.design.plan import make_plan
 from rattlesweep.work.block import columns_of, prepare_runs
 

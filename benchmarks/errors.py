@@ -34,14 +34,15 @@ import pandas as pd
 from machine import ROOT, all_runs, heading, in_turns, plan_of
 
 from rattlesweep.arrays import take
-from rattlesweep.design.config.read import parse_config
-from rattlesweep.design.config.schema import Integrator
+from rattlesweep.config.read import parse_config
+from rattlesweep.config.schema import Integrator
 from rattlesweep.design.models import model_of
 from rattlesweep.design.plan import make_plan
-from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.store.types import classify, sure_types
+from rattlesweep.kernel.batch import integrate
+from rattlesweep.kernel.method.tableau import METHODS
+from rattlesweep.kernel.outcome import Estimated
+from rattlesweep.kernel.state.status import Status
+from rattlesweep.rows.types import classify, sure_types
 from rattlesweep.work import error, error_fit
 from rattlesweep.work.block import run_batch
 
@@ -52,8 +53,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.arrays import Flags, Floats
-    from rattlesweep.design.config.schema import Config
-    from rattlesweep.integrate.batch import Batch, Outcome
+    from rattlesweep.config.schema import Config
+    from rattlesweep.kernel.outcome import Batch, Outcome
     from rattlesweep.motion.model import Model
 
     Codes = NDArray[np.int8]
@@ -314,7 +315,7 @@ class Pair:
         return self.companions_by_setting[setting]
 
     @property
-    def estimated(self) -> error.Estimated:
+    def estimated(self) -> Estimated:
         """The runs with their estimated errors, as in the rows of a sweep."""
         settings = error.Settings(self.value, self.companion_setting)
         batch = self.mix.batch
@@ -413,7 +414,7 @@ def promised(mix: Mix, goal: float) -> None:
     change = {"integrator": integrator, "record": ["error"]}
     config = mix.config.model_copy(update=change)
     outcome = run_batch(config, mix.batch, threads=1)
-    assert isinstance(outcome, error.Estimated)
+    assert isinstance(outcome, Estimated)
     reverses = np.isfinite(outcome.t_r)
     is_off = reverses & (mix.off(outcome.t_r) > goal)
     is_marked = outcome.t_r_error > goal * outcome.t_r

@@ -3,7 +3,7 @@
     python benchmarks/extremes.py
 
 The cases and the reference, SciPy's DOP853 for the paper's equations, are those of
-tests/integrate/test_extremes.py, which checks them at the default tolerance. The table
+tests/kernel/test_extremes.py, which checks them at the default tolerance. The table
 has the errors of ``t_r``, or of ``n_end`` without a reversal.
 """
 
@@ -13,7 +13,7 @@ import sys
 
 from machine import ROOT, heading
 
-sys.path[:0] = [str(ROOT / "tests" / "helpers"), str(ROOT / "tests" / "integrate")]
+sys.path[:0] = [str(ROOT / "tests" / "helpers"), str(ROOT / "tests" / "kernel")]
 
 import oracle  # noqa: E402
 from test_extremes import SHORT, ask  # noqa: E402

@@ -21,10 +21,11 @@ import peer_work
 from machine import heading, in_turns
 from numba import float64, njit, typeof
 
-from rattlesweep.integrate.batch import integrate, problem_of
-from rattlesweep.integrate.lanes.lane import widest_vectors
-from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
-from rattlesweep.integrate.tableau import METHODS, Tableau
+from rattlesweep.compiling.intrinsics import widest_vectors
+from rattlesweep.kernel.batch import integrate
+from rattlesweep.kernel.method.tableau import METHODS, Tableau
+from rattlesweep.kernel.recipes import problem_of
+from rattlesweep.kernel.step.explicit import OPTIONS, write_attempt
 from rattlesweep.motion.model import FULL
 from rattlesweep.physics import full
 

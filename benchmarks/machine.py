@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.design.config.read import load_config
+from rattlesweep.config.read import load_config
 from rattlesweep.design.plan import Plan, make_plan
 from rattlesweep.work.block import prepare_runs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rattlesweep.design.prepared import Launches
-    from rattlesweep.integrate.batch import Batch
+    from rattlesweep.kernel.outcome import Batch
+    from rattlesweep.rows.launches import Launches
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGS = ROOT / "configs"

@@ -38,9 +38,9 @@ def write_runs(folder: Path) -> None:
     """Write the runs of each sweep into an archive."""
     from machine import all_runs
 
-    from rattlesweep.design.config.read import parse_config
+    from rattlesweep.config.read import parse_config
     from rattlesweep.design.plan import make_plan
-    from rattlesweep.integrate.batch import Batch
+    from rattlesweep.kernel.outcome import Batch
 
     for name, (n_i, target, samples, horizon) in SWEEPS.items():
         config = {
@@ -56,8 +56,9 @@ def write_runs(folder: Path) -> None:
 
 def serve(folder: Path) -> None:
     """Integrate the sweeps named in the standard input (in a child process)."""
-    from rattlesweep.integrate.batch import Batch, integrate
-    from rattlesweep.integrate.tableau import METHODS
+    from rattlesweep.kernel.batch import integrate
+    from rattlesweep.kernel.method.tableau import METHODS
+    from rattlesweep.kernel.outcome import Batch
     from rattlesweep.motion.model import FULL
 
     known = {field.name for field in fields(Batch)}

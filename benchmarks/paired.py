@@ -53,8 +53,8 @@ def reference(samples: int) -> peer_work.Floats:
 
 def serve(method: str, samples: int) -> None:
     """Read tolerances and print times and results (runs in a child process)."""
-    from rattlesweep.integrate.batch import integrate
-    from rattlesweep.integrate.tableau import METHODS
+    from rattlesweep.kernel.batch import integrate
+    from rattlesweep.kernel.method.tableau import METHODS
     from rattlesweep.motion.model import FULL
 
     runs = peer_work.draw(samples)

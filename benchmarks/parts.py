@@ -21,10 +21,11 @@ import numpy as np
 from machine import all_runs, heading, in_turns, plan_of
 
 from rattlesweep.design.batches import full_batch
-from rattlesweep.design.columns import build_table, runs_schema
-from rattlesweep.design.launches import prepare_launches
+from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.physics import full
 from rattlesweep.physics.steady import steady_modes
+from rattlesweep.rows.arrow import build_table
+from rattlesweep.rows.columns import runs_schema
 from rattlesweep.store.parquet import write_parquet
 from rattlesweep.work.block import columns_of, run_batch
 

@@ -15,7 +15,7 @@ from rattlesweep.arrays import take
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rattlesweep.integrate.batch import Batch
+    from rattlesweep.kernel.outcome import Batch
 
     Floats = NDArray[np.float64]
 

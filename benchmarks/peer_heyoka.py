@@ -14,7 +14,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rattlesweep.integrate.batch import Batch
+    from rattlesweep.kernel.outcome import Batch
 
     Floats = NDArray[np.float64]
     System = tuple[list[tuple[Any, Any]], Any]

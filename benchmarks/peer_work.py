@@ -10,10 +10,11 @@ import numpy as np
 from machine import all_runs, plan_of
 
 from rattlesweep.arrays import take
-from rattlesweep.design.config.read import parse_config
+from rattlesweep.config.read import parse_config
 from rattlesweep.design.plan import make_plan
-from rattlesweep.integrate.batch import Batch, integrate
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.kernel.batch import integrate
+from rattlesweep.kernel.method.tableau import METHODS
+from rattlesweep.kernel.outcome import Batch
 from rattlesweep.motion.model import FULL
 
 if TYPE_CHECKING:

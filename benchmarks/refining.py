@@ -23,7 +23,7 @@ from rattlesweep.analysis import style
 from rattlesweep.analysis.layout import fill
 from rattlesweep.analysis.plots.maps import CELLS, CODES
 from rattlesweep.arrays import Flags
-from rattlesweep.design.config.read import parse_config, resolved
+from rattlesweep.config.read import parse_config, resolved
 from rattlesweep.store.decide import wanted_runs
 from rattlesweep.store.rows import FOLDER, Stored, nothing_found, open_stored
 from rattlesweep.store.summary import summarise

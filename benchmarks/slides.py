@@ -21,7 +21,7 @@ from rattlesweep.work.block import run_batch
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rattlesweep.integrate.batch import Outcome
+    from rattlesweep.kernel.outcome import Outcome
 
 N_I = (0.1, 0.3, 0.5, -0.3)
 # With the first coefficient of friction almost nothing slides.

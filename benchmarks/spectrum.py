@@ -15,16 +15,17 @@ import click
 import numpy as np
 from machine import all_runs, heading
 
-from rattlesweep.design.config.read import parse_config
+from rattlesweep.config.read import parse_config
 from rattlesweep.design.plan import make_plan
-from rattlesweep.integrate.batch import exponents, integrate, longest_frame_steps
-from rattlesweep.integrate.tableau import DOP853
+from rattlesweep.kernel.batch import integrate, longest_frame_steps
+from rattlesweep.kernel.growths import exponents
+from rattlesweep.kernel.method.tableau import DOP853
 from rattlesweep.motion.model import FULL
 from rattlesweep.physics import steady
 
 if TYPE_CHECKING:
     from rattlesweep.arrays import Floats
-    from rattlesweep.integrate.batch import Batch
+    from rattlesweep.kernel.outcome import Batch
 
 TOLERANCES = (1e-9, 1e-11)
 SPINS = (-0.4, -0.1, 0.1, 0.4)

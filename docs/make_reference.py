@@ -20,14 +20,14 @@ from typing import Any
 
 import pyarrow as pa
 
-from rattlesweep.design import columns
+from rattlesweep.config.read import config_json_schema
+from rattlesweep.config.schema import Config
 from rattlesweep.design.bodies.table import about
-from rattlesweep.design.config.read import config_json_schema
-from rattlesweep.design.config.schema import Config
-from rattlesweep.integrate.status import Status
-from rattlesweep.names import MODEL_NAMES
-from rattlesweep.quantities import LOSSES, SURFACE_CONSTANTS
+from rattlesweep.kernel.state.status import Status
+from rattlesweep.rows import arrow, columns
 from rattlesweep.store import summary
+from rattlesweep.words.names import MODEL_NAMES
+from rattlesweep.words.quantities import LOSSES, SURFACE_CONSTANTS
 
 Schema = dict[str, Any]  # a JSON Schema, or a part of one
 DOCS = Path(__file__).parent
@@ -414,7 +414,7 @@ def columns_page() -> str:
             note = f"With `model: {models[0]}`.\n\n"
         fields = [column.field for column in group.columns]
         lines.append(f"### {group.heading}\n\n{note}{fields_table(fields)}\n")
-    rim = columns.field("rim", columns.F64, *about("rim"))
+    rim = arrow.field("rim", arrow.F64, *about("rim"))
     lines.append(f"### Bodies with a rim\n\n{fields_table([rim])}\n")
     lines.append(f"## `summary`\n\n{SUMMARY_HEAD}\n{fields_table(summary.SCHEMA)}\n")
     statuses = [(f"`{status.label}`", status.meaning) for status in Status]

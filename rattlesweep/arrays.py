@@ -6,7 +6,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rattlesweep.errors import ConfigError
+from rattlesweep.words.errors import ConfigError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

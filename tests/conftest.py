@@ -63,8 +63,8 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """
     with pytest.MonkeyPatch.context() as patch, closing(Compiler()) as compiler:
         patch.setattr(tempfile, "tempdir", str(tmp_path_factory.mktemp("tempfile")))
-        patch.setattr("rattlesweep.integrate.compile._start_child", compiler.start)
-        patch.setattr("rattlesweep.integrate.compile.PROCESSES", 1)
+        patch.setattr("rattlesweep.compiling.loading._start_child", compiler.start)
+        patch.setattr("rattlesweep.compiling.loading.PROCESSES", 1)
         patch.setattr(
             "rattlesweep.cli.options.listening", lambda listener: nullcontext()
         )

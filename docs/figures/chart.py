@@ -19,7 +19,7 @@ from matplotlib.patches import Patch
 import rattlesweep as rs
 from rattlesweep.analysis.layout import Axis, fill
 from rattlesweep.analysis.style import INK, REGIME_STYLE
-from rattlesweep.names import REGIMES
+from rattlesweep.words.names import REGIMES
 
 DELTA = 0.485
 BODY = rs.Rattleback(7, 3, 7, 1 / 4, 1 / 9, -DELTA)

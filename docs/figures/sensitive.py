@@ -17,11 +17,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from rattlesweep.arrays import take
-from rattlesweep.design.config.read import parse_config
+from rattlesweep.config.read import parse_config
 from rattlesweep.design.plan import make_plan
-from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.follow import Follower
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.kernel.batch import integrate
+from rattlesweep.kernel.follow import Follower
+from rattlesweep.kernel.method.tableau import METHODS
 from rattlesweep.motion.model import FULL
 from rattlesweep.physics.steady import growth, steady_modes
 from rattlesweep.work.block import prepare_runs

@@ -8,13 +8,13 @@ import numpy as np
 import pandas as pd
 
 from rattlesweep.analysis import style
+from rattlesweep.config.read import differences, fixed_part, resolved
 from rattlesweep.design.cases import Case
-from rattlesweep.design.config.read import differences, fixed_part, resolved
-from rattlesweep.errors import ConfigError, OutputError, printable
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.quantities import INITIAL_RATES
+from rattlesweep.rows.types import TYPES
 from rattlesweep.store.rows import Stored, open_stored
-from rattlesweep.store.types import TYPES
+from rattlesweep.words.errors import ConfigError, OutputError, printable
+from rattlesweep.words.quantities import INITIAL_RATES
 
 MOST_LISTED = 10
 # Columns that identify a run; their last digits may differ between machines.

@@ -9,8 +9,8 @@ from rattlesweep.arrays import with_plain_numbers
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.hertz import Ellipse, ellipse
 from rattlesweep.physics.materials import Material, contact_modulus
-from rattlesweep.quantities import LENGTH, QUANTITIES, RATE, TIME
-from rattlesweep.units import natural
+from rattlesweep.words.quantities import LENGTH, QUANTITIES, RATE, TIME
+from rattlesweep.words.units import natural
 
 PRESSURE = "M g / a^2"
 _LIMITS = (

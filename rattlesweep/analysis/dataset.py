@@ -12,8 +12,9 @@ import pyarrow as pa
 
 from rattlesweep.analysis.layout import TARGETS, SweepLayout, fill
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.design.columns import COLUMNS, define, unit_and_meaning
-from rattlesweep.errors import ConfigError, OutputError, not_one_of
+from rattlesweep.rows.arrow import unit_and_meaning
+from rattlesweep.rows.columns import COLUMNS, define
+from rattlesweep.words.errors import ConfigError, OutputError, not_one_of
 
 if TYPE_CHECKING:
     import xarray

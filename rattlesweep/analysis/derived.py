@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, stone, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.readings import Shape, turning_friction
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import direction, garcia_hubbard
-from rattlesweep.quantities import (
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.quantities import (
     COUPLE_CONSTANTS,
     LENGTH,
     LOSSES,

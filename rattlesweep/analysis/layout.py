@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from rattlesweep.analysis.where import Where, parse_where
 from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.config.body_sources import GridSource
 from rattlesweep.design.cases import VARIES
-from rattlesweep.design.columns import floats, unit_and_meaning
-from rattlesweep.design.config.schema import GridSource
-from rattlesweep.errors import ConfigError, OutputError, not_one_of
-from rattlesweep.quantities import TIME
+from rattlesweep.rows.arrow import floats, unit_and_meaning
 from rattlesweep.store.decide import FEWEST, nearest
 from rattlesweep.store.rows import Stored, open_stored
 from rattlesweep.store.summary import SI, Counts, Moments, columns_for
+from rattlesweep.words.errors import ConfigError, OutputError, not_one_of
+from rattlesweep.words.quantities import TIME
 
 # Relative difference up to which a value typed in decimals means a stored one.
 _NEAR = 1e-6

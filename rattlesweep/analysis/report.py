@@ -14,19 +14,19 @@ from matplotlib.figure import Figure
 from rattlesweep.analysis.layout import SweepLayout, read_layout
 from rattlesweep.analysis.plots import MAPS, choose_picture, default_kind
 from rattlesweep.analysis.style import encode_figure, styled
-from rattlesweep.design.columns import floats
-from rattlesweep.design.config.read import resolved
-from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.pages import MOST_SVG, config_yaml, data_url, embedded, render
+from rattlesweep.config.read import resolved
+from rattlesweep.rows.arrow import floats
+from rattlesweep.store.progress import status
 from rattlesweep.store.rows import Stored
 from rattlesweep.store.sessions import read_sessions
-from rattlesweep.store.status import status
 from rattlesweep.store.summary import (
     PRINTED,
     absent_columns,
     count_cases,
     summary_table,
 )
+from rattlesweep.system.pages import MOST_SVG, config_yaml, data_url, embedded, render
+from rattlesweep.words.errors import ConfigError, OutputError
 
 _DPI = 120
 MOST_SESSIONS = 200

@@ -17,11 +17,11 @@ from matplotlib.patches import Patch
 
 from rattlesweep.analysis import style
 from rattlesweep.arrays import Floats
-from rattlesweep.design.config.schema import SdSource
-from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.config.body_sources import SdSource
+from rattlesweep.rows.types import TYPES
+from rattlesweep.statistics.tails import LEAST_INDEX, tail_index
 from rattlesweep.store.rows import open_stored
-from rattlesweep.store.types import TYPES
-from rattlesweep.tails import LEAST_INDEX, tail_index
+from rattlesweep.words.errors import ConfigError, OutputError
 
 _QUANTITIES = {"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"} | {
     f"P({n})": f"P({n})" for n in TYPES

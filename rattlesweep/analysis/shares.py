@@ -10,11 +10,11 @@ import pyarrow as pa
 
 from rattlesweep.analysis.layout import SweepLayout
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.design.columns import floats
-from rattlesweep.errors import OutputError
-from rattlesweep.intervals import wilson
+from rattlesweep.rows.arrow import floats
+from rattlesweep.rows.types import CODE_DEAD, TYPES, codes
+from rattlesweep.statistics.intervals import wilson
 from rattlesweep.store.decide import nearest_rows
-from rattlesweep.store.types import CODE_DEAD, TYPES, codes
+from rattlesweep.words.errors import OutputError
 
 _BINS = 10
 MOST_OF_AXIS = 50  # values of an axis that are never put together

@@ -26,10 +26,10 @@ from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats, Places
-from rattlesweep.defaults import FIGURE_DPI
-from rattlesweep.design.columns import define
-from rattlesweep.errors import ConfigError, one_line, printable
-from rattlesweep.files import replace_file
+from rattlesweep.rows.columns import define
+from rattlesweep.system.files import replace_file
+from rattlesweep.words.defaults import FIGURE_DPI
+from rattlesweep.words.errors import ConfigError, one_line, printable
 
 # The palette of Okabe and Ito, which colour-blind readers can tell apart.
 BLUE = "#0072B2"
@@ -377,11 +377,11 @@ def thin(values: Floats, bins: int) -> Places:
 def curve(
     axis: Axes, t: Floats, values: Floats, colour: str = BLUE, **look: Any
 ) -> None:
-    """Draw a curve, or the envelope of one with very many oscillations."""
+    """Draw a curve, or the column_envelope of one with very many oscillations."""
     lines: dict[str, Any] = {"color": colour, "linewidth": 0.8} | look
     band = None
     if np.isfinite(values).all():
-        band = envelope(t, values)
+        band = column_envelope(t, values)
     if band is None:
         places = thin(values, _BINS)
         axis.plot(t[places], values[places], **lines)
@@ -400,7 +400,7 @@ class Envelope(NamedTuple):
     high: Floats
 
 
-def envelope(t: Floats, values: Floats) -> Envelope | None:
+def column_envelope(t: Floats, values: Floats) -> Envelope | None:
     """Return the extremes of a curve in each column of a picture.
 
     None is returned for a curve whose single oscillations can be seen.  No period is

@@ -22,18 +22,19 @@ from matplotlib.figure import Figure
 
 from rattlesweep.analysis import style
 from rattlesweep.arrays import take
+from rattlesweep.config.body_sources import SdSource
+from rattlesweep.config.read import parse_config, resolved
+from rattlesweep.config.schema import Config
 from rattlesweep.design.batches import make_batch
-from rattlesweep.design.columns import runs_schema
-from rattlesweep.design.config.read import parse_config, resolved
-from rattlesweep.design.config.schema import Config, SdSource
-from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.plan import make_plan
-from rattlesweep.design.prepared import Launches
-from rattlesweep.errors import ConfigError
-from rattlesweep.files import probe_directory
-from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.task import Control, Task, side_by_side
+from rattlesweep.design.prepare import prepare_launches
+from rattlesweep.kernel.task import Control, Task, side_by_side
+from rattlesweep.kernel.threads import available_threads
+from rattlesweep.rows.columns import runs_schema
+from rattlesweep.rows.launches import Launches
 from rattlesweep.store.provenance import machine
+from rattlesweep.system.files import probe_directory
+from rattlesweep.words.errors import ConfigError
 from rattlesweep.work.block import compute
 
 DEFAULT: dict[str, object] = {

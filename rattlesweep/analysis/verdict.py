@@ -14,7 +14,7 @@ from rattlesweep.analysis import style
 from rattlesweep.analysis.onerun.figure import shown
 from rattlesweep.analysis.style import BLUE, INK, SILVER
 from rattlesweep.arrays import Floats
-from rattlesweep.text import align
+from rattlesweep.system.console import align
 
 NO_FRICTION = "none"
 COUNTERCLOCKWISE = "counterclockwise"

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from rattlesweep.errors import ConfigError, not_one_of, one_line
+from rattlesweep.words.errors import ConfigError, not_one_of, one_line
 
 Constant: TypeAlias = "bool | int | float | str"
 _Value: TypeAlias = "Constant | list[Constant] | pd.Series"

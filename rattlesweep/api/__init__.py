@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rattlesweep.analysis.contact import ContactPatch
-from rattlesweep.api.arrays import (
+from rattlesweep.api.arguments import (
     BodiesLike,
     body_columns,
     broadcast,
@@ -29,13 +29,13 @@ from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.api.trajectories import Page, Trajectory, replay, show, trajectory
 from rattlesweep.api.verdicts import Verdict, verdict
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.intervals import wilson
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.chaos import is_chaotic
 from rattlesweep.physics.theory import Modes, direction, garcia_hubbard
+from rattlesweep.statistics.intervals import wilson
 from rattlesweep.store.provenance import machine, versions
+from rattlesweep.words.errors import ConfigError, OutputError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

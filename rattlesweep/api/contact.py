@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.analysis.contact import ContactPatch, patch_under
-from rattlesweep.api.arrays import kind_of, one_body, one_number
-from rattlesweep.defaults import PATCH_FRICTION, PATCH_SPIN
-from rattlesweep.errors import ConfigError
+from rattlesweep.api.arguments import kind_of, one_body, one_number
 from rattlesweep.physics import si
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.materials import MATERIALS, Material
-from rattlesweep.units import require_unit
+from rattlesweep.words.defaults import PATCH_FRICTION, PATCH_SPIN
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.units import require_unit
 
 if TYPE_CHECKING:
     # A name, or E and nu.
@@ -124,7 +124,7 @@ def _pair(materials: object) -> tuple[Material, Material]:
 
 def _material(value: object) -> Material:
     """Return a material by its name or its constants, or raise a ValueError."""
-    from rattlesweep.errors import not_one_of
+    from rattlesweep.words.errors import not_one_of
 
     if isinstance(value, Material):
         value = {"E": value.E, "nu": value.nu}

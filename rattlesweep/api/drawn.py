@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from rattlesweep.api.arrays import check_count
+from rattlesweep.api.arguments import check_count
 from rattlesweep.physics.body import PARAMETERS
 
 if TYPE_CHECKING:
@@ -60,8 +60,8 @@ def draw_bodies(
     """
     import pandas as pd
 
+    from rattlesweep.config.read import parse_config
     from rattlesweep.design.bodies.sources import make_source
-    from rattlesweep.design.config.read import parse_config
 
     check_count("samples", samples)
     check_count("first", first, least=0)

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.api.single import INTEGRATOR, NumberOrText, prepare_launch
-from rattlesweep.defaults import CASE_NAME, EXPORT_FORMAT
-from rattlesweep.errors import ConfigError
-from rattlesweep.names import EXPORT_FORMATS
 from rattlesweep.physics import si
 from rattlesweep.physics.body import Rattleback
+from rattlesweep.words.defaults import CASE_NAME, EXPORT_FORMAT
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.names import EXPORT_FORMATS
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.engines.case import EngineCase
@@ -75,8 +75,8 @@ def export_run(
     """Return the text of an export and its case; write the text if there is a path."""
     from rattlesweep.analysis.engines.case import make_case
     from rattlesweep.analysis.engines.mjcf import check_model, to_mjcf
-    from rattlesweep.errors import not_one_of
-    from rattlesweep.files import as_path, replace_file
+    from rattlesweep.system.files import as_path, replace_file
+    from rattlesweep.words.errors import not_one_of
 
     if format not in EXPORT_FORMATS:
         raise ConfigError(f"format: {not_one_of(format, EXPORT_FORMATS)}")
@@ -116,7 +116,7 @@ def write_cases(directory: Path) -> list[Path]:
     from rattlesweep.analysis.engines.case import case_schema, make_case
     from rattlesweep.analysis.engines.mjcf import to_mjcf
     from rattlesweep.design.bodies.making import body_from
-    from rattlesweep.files import probe_directory, replace_file
+    from rattlesweep.system.files import probe_directory, replace_file
 
     source = files("rattlesweep.analysis.engines") / "cases.yaml"
     texts = {"schema.json": json.dumps(case_schema(), indent=1) + "\n"}

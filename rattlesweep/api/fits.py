@@ -6,14 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from rattlesweep.api import arrays as arguments
-from rattlesweep.api.arrays import one_number
+from rattlesweep.api import arguments as arguments
+from rattlesweep.api.arguments import one_number
 from rattlesweep.api.single import NumberOrText, launch_of
-from rattlesweep.defaults import FILM_ERROR
-from rattlesweep.errors import ConfigError, check_names
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.quantities import INITIAL_RATES, LOSSES
-from rattlesweep.text import Bar, counted
+from rattlesweep.system.console import Bar, counted
+from rattlesweep.words.defaults import FILM_ERROR
+from rattlesweep.words.errors import ConfigError, check_names
+from rattlesweep.words.quantities import INITIAL_RATES, LOSSES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -134,7 +134,7 @@ def fit_with_progress(
     from rattlesweep.analysis.fit.film import read_film
     from rattlesweep.analysis.fit.launched import from_the_launch
     from rattlesweep.analysis.fit.search import fit_run
-    from rattlesweep.integrate.compile import listening
+    from rattlesweep.compiling.loading import listening
 
     if isinstance(data, Mapping):
         arguments.refuse_units_of_columns("data", data)

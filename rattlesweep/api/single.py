@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
 import numpy as np
 
-from rattlesweep.api import arrays as arguments
-from rattlesweep.api.arrays import BodiesLike, check_count, numbers, one_number
+from rattlesweep.api import arguments as arguments
+from rattlesweep.api.arguments import BodiesLike, check_count, numbers, one_number
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError, ConfigWarning, check_names
-from rattlesweep.quantities import INITIAL_RATES, LOSSES
-from rattlesweep.text import Bar
+from rattlesweep.system.console import Bar
+from rattlesweep.words.errors import ConfigError, ConfigWarning, check_names
+from rattlesweep.words.quantities import INITIAL_RATES, LOSSES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -297,7 +297,7 @@ def _rows_of_runs(columns: Mapping[str, Floats]) -> TableBodies:
 
 def _integrated(plan: Plan, threads: int | None, progress: bool | None) -> pa.Table:
     """Return the rows of a plan without their keys, and show the progress."""
-    from rattlesweep.integrate.compile import listening
+    from rattlesweep.compiling.loading import listening
     from rattlesweep.work.run import integrate_plan
 
     with Bar.of_call(progress) as bar, listening(bar.compiling):

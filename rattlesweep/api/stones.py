@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.api.single import LAUNCH_ARGUMENTS, prepare_launch
-from rattlesweep.quantities import LOSSES
+from rattlesweep.words.quantities import LOSSES
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import PreparedRun

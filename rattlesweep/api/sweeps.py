@@ -9,13 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.api import arrays as arguments
-from rattlesweep.api.arrays import (
-    check_count,
-    is_table,
-    names_of,
-    to_frame,
-)
+from rattlesweep.api import arguments as arguments
+from rattlesweep.api.arguments import check_count, is_table, names_of, to_frame
 from rattlesweep.api.trajectories import (
     SHOWN,
     Page,
@@ -24,8 +19,8 @@ from rattlesweep.api.trajectories import (
     prepare_stored,
     replay,
 )
-from rattlesweep.errors import ConfigError, ConfigWarning, check_names
-from rattlesweep.text import Bar
+from rattlesweep.system.console import Bar
+from rattlesweep.words.errors import ConfigError, ConfigWarning, check_names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,7 +42,7 @@ class Sweep:
     """
 
     def __init__(self, directory: str | Path) -> None:
-        from rattlesweep.files import as_path
+        from rattlesweep.system.files import as_path
 
         # The working directory may change while the sweep is open.
         self.directory = as_path(directory, "directory").absolute()
@@ -183,7 +178,7 @@ class Sweep:
         from rattlesweep.analysis.onerun.figure import shown
         from rattlesweep.analysis.plots import choose_picture
         from rattlesweep.analysis.style import save_figure, styled
-        from rattlesweep.files import as_path
+        from rattlesweep.system.files import as_path
 
         _check_looks(looks)
         layout = read_layout(self.directory)
@@ -325,8 +320,8 @@ class Sweep:
 
 def _misplaced(key: str) -> str:
     """Return why an argument of :func:`sweep` is refused beside a config."""
-    from rattlesweep.design.config.schema import Config
-    from rattlesweep.errors import hint
+    from rattlesweep.config.schema import Config
+    from rattlesweep.words.errors import hint
 
     if key in Config.model_fields:
         return "keys go with a DataFrame only; write it into the config"
@@ -386,9 +381,9 @@ def sweep(
         For a DataFrame, the other keys of the config, such as ``spin``, ``horizon``,
         ``record``.
     """
-    from rattlesweep.design.config.read import load_config, parse_config
-    from rattlesweep.files import as_path
-    from rattlesweep.integrate.compile import listening
+    from rattlesweep.compiling.loading import listening
+    from rattlesweep.config.read import load_config, parse_config
+    from rattlesweep.system.files import as_path
     from rattlesweep.work.planning import checked_plan, plan_frame
     from rattlesweep.work.run import run_sweep
 

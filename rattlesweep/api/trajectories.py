@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.api import arrays as arguments
-from rattlesweep.api.arrays import check_count, numbers, one_number
+from rattlesweep.api import arguments as arguments
+from rattlesweep.api.arguments import check_count, numbers, one_number
 from rattlesweep.api.single import NumberOrText, prepare_launch
-from rattlesweep.errors import ConfigError, check_names
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.text import counted
+from rattlesweep.system.console import counted
+from rattlesweep.words.errors import ConfigError, check_names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -159,7 +159,7 @@ class Page:
 
     def save(self, path: str | Path) -> Page:
         """Write the page to an .html file, and return it with its path."""
-        from rattlesweep.files import as_path, replace_file
+        from rattlesweep.system.files import as_path, replace_file
 
         path = as_path(path, "path")
         if path.suffix.lower() not in (".html", ".htm"):
@@ -312,7 +312,7 @@ def prepare_stored(
 ) -> tuple[StoredRun, PreparedRun]:
     """Return a stored run, proved to come out as stored, and the same to ``t_end``."""
     from rattlesweep.analysis.onerun.replay import find_run
-    from rattlesweep.files import as_path
+    from rattlesweep.system.files import as_path
 
     check_count("case", case, 0)
     check_count("sample", sample, 0)

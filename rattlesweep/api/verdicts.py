@@ -10,21 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.api import arrays as arguments
-from rattlesweep.api.arrays import check_count
-from rattlesweep.defaults import (
+from rattlesweep.api import arguments as arguments
+from rattlesweep.api.arguments import check_count
+from rattlesweep.physics import si
+from rattlesweep.physics.body import Rattleback
+from rattlesweep.physics.si import Units
+from rattlesweep.system.console import Bar
+from rattlesweep.words.defaults import (
     VERDICT_PUSH,
     VERDICT_SPINS,
     VERDICT_STONES,
     VERDICT_TIME,
 )
-from rattlesweep.errors import ConfigError, check_names, one_line
-from rattlesweep.physics import si
-from rattlesweep.physics.body import Rattleback
-from rattlesweep.physics.si import Units
-from rattlesweep.quantities import LOSSES
-from rattlesweep.text import Bar
-from rattlesweep.units import require_unit
+from rattlesweep.words.errors import ConfigError, check_names, one_line
+from rattlesweep.words.quantities import LOSSES
+from rattlesweep.words.units import require_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -181,7 +181,7 @@ def verdict(
     2         clockwise         none  turns back  4.74
     3         clockwise  pivot 54 um  turns back  4.73
     """
-    from rattlesweep.integrate.compile import listening
+    from rattlesweep.compiling.loading import listening
 
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         return verdict_on(

@@ -24,9 +24,9 @@ from rattlesweep.cli.options import (
     say,
     to_json,
 )
-from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.integrate import SettingError
-from rattlesweep.shipped import address
+from rattlesweep.system.processors import SettingError
+from rattlesweep.system.shipped import address
+from rattlesweep.words.errors import ConfigError, OutputError
 
 __all__ = ["bodies", "courses", "exports", "fits", "main", "sweeps", "verdict"]
 

@@ -20,9 +20,9 @@ from rattlesweep.cli.options import (
     tell,
     to_json,
 )
-from rattlesweep.defaults import FINENESS, PATCH_FRICTION, PATCH_SPIN
-from rattlesweep.errors import ConfigError
-from rattlesweep.text import align
+from rattlesweep.system.console import align
+from rattlesweep.words.defaults import FINENESS, PATCH_FRICTION, PATCH_SPIN
+from rattlesweep.words.errors import ConfigError
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.derived import DerivedQuantity
@@ -63,7 +63,7 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
         SLIPS_AT_REVERSAL,
         derived,
     )
-    from rattlesweep.api.arrays import one_number, require_units
+    from rattlesweep.api.arguments import one_number, require_units
 
     probe_files(figure)
     of_mesh = {name: given[name] for name in options.BODY if given[name] is not None}
@@ -179,7 +179,7 @@ def contact(stone: Path | None, as_json: bool, **given: Any) -> None:
     or options describe the body.
     """
     from rattlesweep.api import contact_patch
-    from rattlesweep.api.arrays import require_units
+    from rattlesweep.api.arguments import require_units
 
     arguments = pick(given, "materials", "mu", "n_i", "facet")
     described = stone_or_options(stone, given)["body"].body

@@ -20,9 +20,9 @@ from rattlesweep.cli.options import (
     say,
     tell,
 )
-from rattlesweep.defaults import FRAMES_A_PERIOD
-from rattlesweep.errors import ConfigError
-from rattlesweep.text import align, counted
+from rattlesweep.system.console import align, counted
+from rattlesweep.words.defaults import FRAMES_A_PERIOD
+from rattlesweep.words.errors import ConfigError
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import Course, PreparedRun

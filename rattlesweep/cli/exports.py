@@ -11,8 +11,8 @@ from click import option
 from rattlesweep.cli import options
 from rattlesweep.cli.given import flag, prepared_run
 from rattlesweep.cli.options import command, pick, probe_files, say, tell
-from rattlesweep.defaults import CASE_NAME, EXPORT_FORMAT
-from rattlesweep.errors import ConfigError
+from rattlesweep.words.defaults import CASE_NAME, EXPORT_FORMAT
+from rattlesweep.words.errors import ConfigError
 
 
 @command(

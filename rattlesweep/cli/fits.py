@@ -19,10 +19,10 @@ from rattlesweep.cli.options import (
     say,
     to_json,
 )
-from rattlesweep.defaults import FILM_ERROR, FILM_RATE
-from rattlesweep.errors import ConfigError
-from rattlesweep.quantities import LOSSES
-from rattlesweep.text import Bar
+from rattlesweep.system.console import Bar
+from rattlesweep.words.defaults import FILM_ERROR, FILM_RATE
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.quantities import LOSSES
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rattlesweep.cli import options
 from rattlesweep.cli.options import Given, pick, say
-from rattlesweep.errors import ConfigError, ConfigWarning, one_line
+from rattlesweep.words.errors import ConfigError, ConfigWarning, one_line
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import PreparedRun
@@ -32,7 +32,7 @@ def flag_of_body(name: str) -> str:
 def body_of(given: Given) -> Rattleback:
     """Return the body that the options of a command describe."""
     from rattlesweep.design.bodies.making import body_from
-    from rattlesweep.units import require_unit
+    from rattlesweep.words.units import require_unit
 
     values = pick(given, *options.BODY)
     if "half_ellipsoid" in values:
@@ -64,7 +64,7 @@ def doubts_said() -> Iterator[None]:
 
 def prepared_run(given: Given) -> PreparedRun:
     """Return the run of a body and a launch that options describe."""
-    from rattlesweep.api.arrays import require_units
+    from rattlesweep.api.arguments import require_units
     from rattlesweep.api.single import LAUNCH_ARGUMENTS, prepare_launch
 
     described = body_of(given)
@@ -79,7 +79,7 @@ def prepared_run(given: Given) -> PreparedRun:
 
 def run_of_stone(path: Path, given: Given) -> PreparedRun:
     """Return the run of a stone file, with the launch that options replace."""
-    from rattlesweep.api.arrays import require_units
+    from rattlesweep.api.arguments import require_units
     from rattlesweep.api.single import LAUNCH_ARGUMENTS
     from rattlesweep.api.stones import prepare_stone
 
@@ -143,9 +143,9 @@ def stone_or_options(path: Path | None, given: Given) -> dict[str, Any]:
 def read_stone(path: Path) -> dict[str, Any]:
     """Return the arguments of :func:`rattlesweep.fit` in a YAML file."""
     from rattlesweep.analysis.fit.measured import measured_body, separate
-    from rattlesweep.api.arrays import require_units
-    from rattlesweep.design.config.read import checked, read_file
-    from rattlesweep.design.config.schema import Stone
+    from rattlesweep.api.arguments import require_units
+    from rattlesweep.config.read import checked, read_file
+    from rattlesweep.config.schema import Stone
 
     data, places, problems = read_file(path)
     if "bodies" in data and "body" not in data:

@@ -14,28 +14,34 @@ from typing import Any, TypeAlias
 import click
 from click import Choice, argument, option
 
-from rattlesweep.defaults import (
+from rattlesweep.compiling.loading import listening
+from rattlesweep.kernel.method.tableau import DOP853, DT, METHODS
+from rattlesweep.system.console import Bar, counted
+from rattlesweep.system.processors import MOST_THREADS, check_settings
+from rattlesweep.system.shipped import linked
+from rattlesweep.words.defaults import (
     LAUNCH_PUSH,
     LAUNCH_SPIN,
     LEAST_ROWS,
     MESH_UNIT,
     ROWS_A_PERIOD,
 )
-from rattlesweep.errors import ConfigError, OutputError, as_lines, one_line, printable
-from rattlesweep.integrate import MOST_THREADS, check_settings
-from rattlesweep.integrate.compile import listening
-from rattlesweep.integrate.tableau import DOP853, DT, METHODS
-from rattlesweep.names import (
+from rattlesweep.words.errors import (
+    ConfigError,
+    OutputError,
+    as_lines,
+    one_line,
+    printable,
+)
+from rattlesweep.words.names import (
     ACCURACY_NAMES,
     EXPORT_FORMATS,
     MODEL_NAMES,
     PLOT_NAMES,
     PRESET_NAMES,
 )
-from rattlesweep.quantities import LOSSES, QUANTITIES, RATE
-from rattlesweep.shipped import linked
-from rattlesweep.text import Bar, counted
-from rattlesweep.units import (
+from rattlesweep.words.quantities import LOSSES, QUANTITIES, RATE
+from rattlesweep.words.units import (
     KINDS,
     Quantity,
     natural_number,
@@ -148,7 +154,7 @@ def to_json(data: object) -> str:
 
 def probe_files(*files: Path | None) -> None:
     """Raise an OutputError before the work begins if a file cannot be written then."""
-    from rattlesweep.files import probe_directory
+    from rattlesweep.system.files import probe_directory
 
     for path in files:
         if path is None:
@@ -293,7 +299,7 @@ def _file(endings: tuple[str, ...], text: str) -> Path:
 
 
 def _path(text: str) -> Path:
-    from rattlesweep.files import expand
+    from rattlesweep.system.files import expand
 
     return Path(expand(text))
 

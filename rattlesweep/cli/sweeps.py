@@ -23,10 +23,10 @@ from rattlesweep.cli.options import (
     tell,
     to_json,
 )
-from rattlesweep.defaults import FIGURE_DPI
-from rattlesweep.errors import ConfigError
-from rattlesweep.shipped import example_names
-from rattlesweep.text import Bar, counted
+from rattlesweep.system.console import Bar, counted
+from rattlesweep.system.shipped import example_names
+from rattlesweep.words.defaults import FIGURE_DPI
+from rattlesweep.words.errors import ConfigError
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -57,9 +57,9 @@ def init(config: Path | None, example: str | None) -> None:
     It describes a small sweep, ready to run, and is called sweep.yaml by default.
     Prints the paths that it writes. No file is overwritten.
     """
-    from rattlesweep.design.config.read import parse_config, read_yaml
-    from rattlesweep.files import probe_directory, replace_file
-    from rattlesweep.shipped import example_files, starter
+    from rattlesweep.config.read import parse_config, read_yaml
+    from rattlesweep.system.files import probe_directory, replace_file
+    from rattlesweep.system.shipped import example_files, starter
 
     if config is not None and config.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"{config}: the name of a config ends in .yaml")
@@ -262,7 +262,7 @@ def status(directory: Path, as_json: bool) -> int:
 
     Exits with 3 if some runs have a status other than ok.
     """
-    from rattlesweep.store.status import status as count_rows
+    from rattlesweep.store.progress import status as count_rows
 
     counts = count_rows(directory)
     click.echo(to_json(counts.data) if as_json else counts.words)
@@ -430,7 +430,7 @@ def slurm(
 def schema(case: bool) -> None:
     """Print the JSON Schema of the config."""
     from rattlesweep.analysis.engines.case import case_schema
-    from rattlesweep.design.config.read import config_json_schema
+    from rattlesweep.config.read import config_json_schema
 
     if case:
         click.echo(to_json(case_schema()))
@@ -456,8 +456,8 @@ def _planned(
     path: Path, overrides: tuple[str, ...], output: Path | None, quiet: bool = False
 ) -> tuple[Plan, Path]:
     """Return the plan of a config and its output directory; say what is doubtful."""
-    from rattlesweep.design.config.read import load_config
-    from rattlesweep.files import as_path
+    from rattlesweep.config.read import load_config
+    from rattlesweep.system.files import as_path
     from rattlesweep.work.planning import checked_plan
 
     config = load_config(path, overrides)
@@ -756,9 +756,9 @@ def tradeoff(
     tradeoff.parquet, .svg, .png.
     """
     from rattlesweep.analysis import tradeoff as study
-    from rattlesweep.design.config.read import load_config, parse_config
-    from rattlesweep.files import as_path, probe_directory
-    from rattlesweep.integrate.batch import available_threads
+    from rattlesweep.config.read import load_config, parse_config
+    from rattlesweep.kernel.threads import available_threads
+    from rattlesweep.system.files import as_path, probe_directory
 
     start = time.monotonic()
     base: Path | None = None

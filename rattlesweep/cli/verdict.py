@@ -19,13 +19,13 @@ from rattlesweep.cli.options import (
     say,
     to_json,
 )
-from rattlesweep.defaults import (
+from rattlesweep.words.defaults import (
     VERDICT_PUSH,
     VERDICT_SPINS,
     VERDICT_STONES,
     VERDICT_TIME,
 )
-from rattlesweep.quantities import LOSSES
+from rattlesweep.words.quantities import LOSSES
 
 
 @command(

@@ -7,13 +7,13 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.design.models import constants_of, surface_constant
-from rattlesweep.design.prepared import Launches
-from rattlesweep.integrate.batch import Batch
-from rattlesweep.integrate.lanes.runs import N_WINDOWS
+from rattlesweep.kernel.outcome import Batch
+from rattlesweep.kernel.runs import N_WINDOWS
 from rattlesweep.motion.model import find_model
 from rattlesweep.physics import full, reduced, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
-from rattlesweep.quantities import LOSSES
+from rattlesweep.rows.launches import Launches
+from rattlesweep.words.quantities import LOSSES
 
 # Periods of the slower mode that a window has at least; see docs/types.md.
 WINDOW_PERIODS = 2.0

@@ -14,10 +14,10 @@ from typing import Any
 
 import pyarrow as pa
 
-from rattlesweep.design.columns import runs_schema
-from rattlesweep.design.config.schema import Config
-from rattlesweep.quantities import LOSSES, QUANTITIES
-from rattlesweep.units import Quantity, Setting
+from rattlesweep.config.schema import Config
+from rattlesweep.rows.columns import runs_schema
+from rattlesweep.words.quantities import LOSSES, QUANTITIES
+from rattlesweep.words.units import Quantity, Setting
 
 MAX_RUNS = 10**9  # in a sweep, which holds one byte for each of them
 

@@ -3,13 +3,13 @@
 import numpy as np
 
 from rattlesweep.arrays import Floats
-from rattlesweep.design.config.schema import Config
-from rattlesweep.design.prepared import Bodies
-from rattlesweep.errors import ConfigError
+from rattlesweep.config.schema import Config
 from rattlesweep.motion.model import Model, find_model
 from rattlesweep.physics import full, surface
 from rattlesweep.physics.surface import Surface
-from rattlesweep.quantities import CONSTANT_OF_SURFACE
+from rattlesweep.rows.launches import Bodies
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.quantities import CONSTANT_OF_SURFACE
 
 
 def surface_constant(bodies: Bodies, of_surface: Surface) -> Floats:

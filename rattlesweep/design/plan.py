@@ -12,23 +12,20 @@ from pathlib import Path
 import numpy as np
 
 from rattlesweep.arrays import Floats
+from rattlesweep.config.body_sources import MeshSource, SdSource, TableSource
+from rattlesweep.config.clashes import SETTING_KEYS, clashes, numbers_without_unit
+from rattlesweep.config.schema import Config
 from rattlesweep.design.bodies import Source
 from rattlesweep.design.bodies.meshes import MeshBodies
 from rattlesweep.design.bodies.sources import make_source
 from rattlesweep.design.bodies.table import TableBodies, check_value
 from rattlesweep.design.cases import MAX_RUNS, Case, Design
-from rattlesweep.design.columns import STATE_FIELDS, runs_schema
-from rattlesweep.design.config.clashes import (
-    SETTING_KEYS,
-    clashes,
-    numbers_without_unit,
-)
-from rattlesweep.design.config.schema import Config, MeshSource, SdSource, TableSource
-from rattlesweep.errors import ConfigError
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
-from rattlesweep.quantities import INITIAL_RATES, LOSSES
-from rattlesweep.units import Setting
+from rattlesweep.rows.columns import STATE_FIELDS, runs_schema
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.quantities import INITIAL_RATES, LOSSES
+from rattlesweep.words.units import Setting
 
 # Bodies that are looked at to see whether their sizes differ.
 _MOST_SIZES = 64

@@ -8,18 +8,19 @@ from dataclasses import replace
 import numpy as np
 
 from rattlesweep.arrays import Flags, Floats
+from rattlesweep.config.body_sources import SdSource, Target
+from rattlesweep.config.schema import Config
 from rattlesweep.design.bodies.sources import bodies_at, ranges_of
 from rattlesweep.design.bodies.table import TableBodies
-from rattlesweep.design.config.schema import Config, SdSource, Target
-from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.plan import Plan
-from rattlesweep.design.prepared import Bodies, Launches
-from rattlesweep.errors import ConfigError
+from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.physics import si, theory
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.si import check_spins
-from rattlesweep.quantities import CONSTANT_OF_SURFACE
-from rattlesweep.tails import LEAST_INDEX, tail_index
+from rattlesweep.rows.launches import Bodies, Launches
+from rattlesweep.statistics.tails import LEAST_INDEX, tail_index
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.quantities import CONSTANT_OF_SURFACE
 
 _MOST_RUNS = 4096  # runs that are judged
 BODIES_DRAWN = 65_536  # bodies drawn to find the range of a target's coefficient

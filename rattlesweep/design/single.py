@@ -8,13 +8,14 @@ from types import MappingProxyType
 import numpy as np
 
 from rattlesweep.arrays import Floats
+from rattlesweep.config.body_sources import TableSource
+from rattlesweep.config.read import parse_config
+from rattlesweep.config.schema import DIRECTIONS
 from rattlesweep.design.bodies.table import TableBodies
-from rattlesweep.design.config.read import parse_config
-from rattlesweep.design.config.schema import DIRECTIONS, TableSource
 from rattlesweep.design.plan import Plan, make_plan
-from rattlesweep.errors import ConfigError, not_one_of
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.words.errors import ConfigError, not_one_of
 
 
 @dataclass(frozen=True)

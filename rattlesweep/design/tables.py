@@ -17,8 +17,8 @@ import pyarrow.csv as csv
 import pyarrow.parquet as pq
 
 from rattlesweep.arrays import EXACT_WHOLE
-from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.files import as_path, open_regular
+from rattlesweep.system.files import as_path, open_regular
+from rattlesweep.words.errors import ConfigError, one_line
 
 LARGE = 3e8  # bytes of a file that takes seconds to read
 MAGIC = b"PAR1"  # begins a Parquet file

@@ -1,7 +1,7 @@
 """What acts on a body beside gravity and the force that keeps it rolling.
 
 A law is a set of actions.  An action is a record; its formulas are in
-:mod:`rattlesweep.physics`, its constants in :mod:`rattlesweep.quantities`.
+:mod:`rattlesweep.physics`, its constants in :mod:`rattlesweep.words.quantities`.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from rattlesweep.arrays import Floats
 from rattlesweep.physics import pivoting, stone
 from rattlesweep.physics.surface import Formula
 
-Vector = tuple[float, float, float]
+Vector3 = tuple[float, float, float]
 
 
-class Place(NamedTuple):
+class Whereabouts(NamedTuple):
     """Where a body is and how it moves: what actions may depend on, in its own axes."""
 
-    u: Vector  # the upward vertical
-    omega: Vector  # angular velocity
-    r: Vector  # the contact point, from the centre of mass
-    w: Vector  # r x omega - dr/dt
-    velocity: Vector  # of the centre of mass
+    u: Vector3  # the upward vertical
+    omega: Vector3  # angular velocity
+    r: Vector3  # the contact point, from the centre of mass
+    w: Vector3  # r x omega - dr/dt
+    velocity: Vector3  # of the centre of mass
     creep: float  # mu times the speed of sliding, 0 where the body rolls
 
 
@@ -33,8 +33,8 @@ class Place(NamedTuple):
 class Action:
     """What acts on a body: torques, forces, their constants, components and work.
 
-    Each formula takes a :class:`Place` and the action's ``own`` numbers, which are its
-    constants and then its components of the state.  Vectors are in the axes of the
+    Each formula takes a :class:`Whereabouts` and the numbers ``own`` of the action,
+    its constants and then its components of the state.  Vectors are in the axes of the
     body.  What an action lacks is None, and costs nothing.
 
     The next actions were the measure of this record:
@@ -51,7 +51,7 @@ class Action:
       the force that keeps the body rolling.  No stiffness arises if ``omega`` of the
       state is that of the rolling body with the same angular momentum about the contact
       point: the body turns at ``omega + J^-1 (r x v_s)``.  So a creep has ``equations``
-      that ask :func:`rattlesweep.motion.sums.rolling_parts` for the force.
+      that ask :func:`rattlesweep.motion.sums.summed_parts` for the force.
     """
 
     name: str  # one word
@@ -123,7 +123,7 @@ ACTIONS: dict[str, Action] = {
 """The actions by name, in the order of their constants."""
 
 
-def in_order(actions: Iterable[Action]) -> tuple[Action, ...]:
+def numbered(actions: Iterable[Action]) -> tuple[Action, ...]:
     """Return actions in the order of their constants, with what accompanies them."""
     chosen = set(actions)
     if chosen:

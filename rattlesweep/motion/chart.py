@@ -125,7 +125,7 @@ def locate_under(contact, y, shape):
     u, omega = vectors.position(y)
     r, rho = contact(u, shape)
     w = vectors.moving(u, omega, r, rho, shape)
-    return vectors.turning(y), u, omega, r, w, 0.0
+    return vectors.vertical_rate(y), u, omega, r, w, 0.0
 
 
 @scalar

@@ -31,7 +31,7 @@ class Fast:
     volume: Formula | None = None
 
 
-FAST: dict[tuple[Chart, frozenset[Action]], Fast] = {
+FAST_EQUATIONS: dict[tuple[Chart, frozenset[Action]], Fast] = {
     (SLOPES, frozenset()): Fast(
         stone.frictionless_rhs, volume=vectors.frictionless_volume
     ),
@@ -58,4 +58,4 @@ FAST: dict[tuple[Chart, frozenset[Action]], Fast] = {
 
 def fast_for(chart: Chart, actions: Collection[Action]) -> Fast | None:
     """Return the equations of a set of actions, None if they are their sum."""
-    return FAST.get((chart, frozenset(actions)))
+    return FAST_EQUATIONS.get((chart, frozenset(actions)))

@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from math import inf, sqrt
-from typing import NamedTuple
+from math import sqrt
 
 import numpy as np
 
@@ -17,25 +16,22 @@ from rattlesweep.motion.action import (
     ROLLING,
     VISCOUS,
     Action,
-    Place,
-    Vector,
-    in_order,
+    numbered,
 )
 from rattlesweep.motion.chart import ANYWHERE, SLOPES, Chart
 from rattlesweep.motion.fast import Fast, fast_for
+from rattlesweep.motion.slides import Slide, slide_of
 from rattlesweep.motion.sums import (
-    Layout,
-    Sum,
+    ActionSum,
+    Numbering,
     contact_force,
     own_rates,
-    power_formula,
-    rolling_parts,
+    summed_parts,
     with_own_energy,
 )
 from rattlesweep.motion.track import UNSEEN, track_of
-from rattlesweep.physics import frame, full, reduced, sliding, stone, tangent, vectors
+from rattlesweep.physics import frame, full, reduced, stone, tangent, vectors
 from rattlesweep.physics.full import TINY, scalar
-from rattlesweep.physics.sliding import cross
 from rattlesweep.physics.surface import (
     ELLIPSOID,
     PARABOLOID,
@@ -43,41 +39,6 @@ from rattlesweep.physics.surface import (
     Formula,
     Surface,
 )
-
-
-class Placed(NamedTuple):
-    """Where a sliding body is, and what acts on it beside the contact force."""
-
-    rates: tuple[float, ...]  # of the position
-    u: Vector
-    omega: Vector
-    r: Vector
-    w: Vector
-    inertia: Vector
-    torque: Vector
-    drag: Vector  # torque per unit of the normal force
-    force: Vector  # at the centre of mass
-    weight: float  # beyond 1
-    velocity: Vector  # of the centre of mass
-
-
-@dataclass(frozen=True)
-class Slide:
-    """What a model needs for sliding.
-
-    Formulas take tuples as those of :class:`Model` do.  The coefficient of friction is
-    a further constant of a run, after ``constants``.
-    """
-
-    # place(y, slip, mu, constants): where the body is, as `Placed`
-    place: Formula
-    # derivative(y, slip, placed, domega/dt, normal force, constants): dy
-    derivative: Formula
-    # turned(y, u, rate): y with the angular velocity changed by rate u
-    turned: Formula
-    # Slope beyond which the state says too little about the contact for a slide to
-    # begin; such a run is integrated again in the variables of `Model.anywhere`.
-    steepest: float = inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,9 +129,9 @@ class Model:
         return formula
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> Numbering:
         """Where the numbers of actions are."""
-        return Layout(self.components, self.constants)
+        return Numbering(self.components, self.constants)
 
     @property
     def n_state(self) -> int:
@@ -280,9 +241,9 @@ def compose(
     have the viscous torque and the rolling resistance, so that they share kernels.
     `tangents` are those of the full model: none, one, or a frame.
     """
-    acting = in_order(actions)
+    acting = numbered(actions)
     if chart is ANYWHERE:
-        acting = in_order([VISCOUS, ROLLING, *acting])
+        acting = numbered([VISCOUS, ROLLING, *acting])
     return _composed(chart, surface, acting, slides, tangents)
 
 
@@ -332,7 +293,7 @@ def _composed(
 ) -> Model:
     constants = _constants(chart, surface, actions)
     components = _components(chart, actions)
-    layout = Layout(components, constants)
+    layout = Numbering(components, constants)
     fast = fast_for(chart, actions)
     contact = surface.contact if chart is SLOPES else vectors.contact_under
     rhs_on, parts_on = _equations(chart, actions, layout, fast)
@@ -370,7 +331,7 @@ def _composed(
             pivot_work=_picked(layout.components.index(action.own_work)),
         )
     if slides:
-        slide = _slide(chart, contact, actions, layout)
+        slide = slide_of(chart, contact, actions, layout)
         if model.anywhere is not None:
             slide = replace(slide, steepest=chart.steepest)
         model = replace(model, slide=slide)
@@ -401,7 +362,7 @@ def _components(chart: Chart, actions: Collection[Action]) -> tuple[str, ...]:
 
 
 def _equations(
-    chart: Chart, actions: tuple[Action, ...], layout: Layout, fast: Fast | None
+    chart: Chart, actions: tuple[Action, ...], layout: Numbering, fast: Fast | None
 ) -> tuple[Formula, Formula | None]:
     """Return the derivative of the state, and its parts, with ``contact`` first.
 
@@ -413,15 +374,15 @@ def _equations(
 
 
 def generic_equations(
-    chart: Chart, actions: tuple[Action, ...], layout: Layout
+    chart: Chart, actions: tuple[Action, ...], layout: Numbering
 ) -> tuple[Formula, Formula]:
     """Return what :func:`_equations` does, from the sum of any actions."""
     holds = any(action.pivots for action in actions)
-    acting = Sum.of([each for each in actions if not each.pivots], layout)
+    acting = ActionSum.of([each for each in actions if not each.pivots], layout)
     equations = [each.equations for each in actions if each.equations is not None]
-    (parts_of,) = equations or [rolling_parts]
+    (parts_of,) = equations or [summed_parts]
     parts = parts_of(chart, acting, holds=holds)
-    further = own_rates(Sum.of(actions, layout), layout)
+    further = own_rates(ActionSum.of(actions, layout), layout)
     works_of = _both_works if holds else _one_work
 
     @scalar
@@ -494,7 +455,7 @@ def _with_carried(model: Model, surface: Surface, rhs: Formula) -> Model:
     return replace(model, n_carried=1, carried_start=start, carried_rhs=carried_rhs)
 
 
-def _error(chart: Chart, actions: tuple[Action, ...], layout: Layout) -> Formula:
+def _error(chart: Chart, actions: tuple[Action, ...], layout: Numbering) -> Formula:
     """Return the squares that a step control compares."""
     error = chart.error_of_actions if actions else chart.error
     for action in actions:
@@ -503,7 +464,7 @@ def _error(chart: Chart, actions: tuple[Action, ...], layout: Layout) -> Formula
     return error
 
 
-def _with_own_error(before: Formula, action: Action, layout: Layout) -> Formula:
+def _with_own_error(before: Formula, action: Action, layout: Numbering) -> Formula:
     begin = layout.components.index(action.components[0])
     end = begin + len(action.components)
     own = action.error
@@ -522,14 +483,16 @@ def _energy(
     surface: Surface,
     contact: Formula,
     actions: tuple[Action, ...],
-    layout: Layout,
+    layout: Numbering,
 ) -> Formula:
     """Return the energy less the work of the actions."""
     energy_of = surface.energy if chart is SLOPES else vectors.energy
     if not actions:
         return energy_of
     if any(action.energy is not None for action in actions):
-        energy_of = with_own_energy(energy_of, chart, contact, Sum.of(actions, layout))
+        energy_of = with_own_energy(
+            energy_of, chart, contact, ActionSum.of(actions, layout)
+        )
     work = len(chart.place)
 
     @scalar
@@ -544,11 +507,11 @@ def _force(
     surface: Surface,
     contact: Formula,
     actions: tuple[Action, ...],
-    layout: Layout,
+    layout: Numbering,
 ) -> Formula:
     """Return the contact force, as `Model.force`."""
     if any(each.force or each.weight for each in actions):
-        return contact_force(chart, contact, Sum.of(actions, layout))
+        return contact_force(chart, contact, ActionSum.of(actions, layout))
     if chart is ANYWHERE:
         force_anywhere: Formula = vectors.contact_force
         return force_anywhere
@@ -608,98 +571,6 @@ def _pivot(parts: Formula, contact: Formula) -> Formula:
         return torque, normal
 
     return pivot  # type: ignore[no-any-return]
-
-
-# Sliding, where friction cannot hold the contact point.
-
-
-def _slide(
-    chart: Chart, contact: Formula, actions: tuple[Action, ...], layout: Layout
-) -> Slide:
-    """Return what bodies need that slide under actions."""
-    locate = chart.locate
-    acting = Sum.of(actions, layout)
-    torque_of = acting.torque
-    grip_of = acting.grip
-    force_of = acting.force
-    weight_of = acting.weight
-
-    @scalar
-    def place(y, slip, mu, constants):
-        rates, u, omega, r, w, _ = locate(contact, y, constants[3:7])
-        x, y_, z = cross(r, omega)
-        ex, ey, ez = sliding.slip_direction(u, slip.angle)
-        speed = slip.speed
-        velocity = x + speed * ex, y_ + speed * ey, z + speed * ez
-        at = Place(u, omega, r, w, velocity, mu * speed)
-        return Placed(
-            rates,
-            u,
-            omega,
-            r,
-            w,
-            constants[:3],
-            torque_of(at, y, constants),
-            grip_of(at, y, constants),
-            force_of(at, y, constants),
-            weight_of(at, y, constants),
-            velocity,
-        )
-
-    derivative = _without_work
-    if actions:
-        derivative = _slid_works(actions, acting, layout)
-    return Slide(place, derivative, chart.turned)
-
-
-@scalar
-def _without_work(y, slip, placed, omega_rate, normal, constants):
-    return placed.rates + omega_rate
-
-
-def _slid_works(actions: tuple[Action, ...], acting: Sum, layout: Layout) -> Formula:
-    """Return the derivative of the state of a body that slides, as `Slide`."""
-    power_of = power_formula(acting)
-
-    @scalar
-    def with_work(y, slip, placed, omega_rate, normal, constants):
-        power = power_of(
-            placed.torque,
-            placed.drag,
-            placed.force,
-            placed.weight,
-            normal,
-            placed.omega,
-            placed.velocity,
-            placed.u,
-        )
-        return placed.rates + omega_rate + (power,)
-
-    derivative: Formula = with_work
-    for action in actions:
-        if action.slid_power is not None:
-            derivative = _with_slid_power(derivative, action.slid_power)
-    further = own_rates(acting, layout)
-    return derivative if further is None else _with_slid_rates(derivative, further)
-
-
-def _with_slid_power(before: Formula, power: Formula) -> Formula:
-    @scalar
-    def derivative(y, slip, placed, omega_rate, normal, constants):
-        f = before(y, slip, placed, omega_rate, normal, constants)
-        return f + (power(placed, normal),)  # noqa: RUF005
-
-    return derivative  # type: ignore[no-any-return]
-
-
-def _with_slid_rates(before: Formula, further: Formula) -> Formula:
-    @scalar
-    def derivative(y, slip, placed, omega_rate, normal, constants):
-        f = before(y, slip, placed, omega_rate, normal, constants)
-        at = Place(placed.u, placed.omega, placed.r, placed.w, placed.velocity, 0.0)
-        return f + further(at, normal, y, constants)
-
-    return derivative  # type: ignore[no-any-return]
 
 
 # Attitude and path, for single steps

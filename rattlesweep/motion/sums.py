@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.motion.action import Action, Place
+from rattlesweep.motion.action import Action, Whereabouts
 from rattlesweep.physics import pivoting
 from rattlesweep.physics.full import NO_FORCE, scalar
 from rattlesweep.physics.sliding import cross
@@ -34,7 +34,7 @@ def no_vector(place, y, constants):
     return NO_FORCE
 
 
-def _of_own(formula: Formula, action: Action, layout: Layout) -> Formula:
+def _of_own(formula: Formula, action: Action, layout: Numbering) -> Formula:
     """Return a formula of an action as one of place, state and constants."""
     first = layout.constants.index(action.strength)
     last = first + len(action.constants)
@@ -76,7 +76,7 @@ def _two_values(one: Formula, other: Formula) -> Formula:
 
 
 @dataclass(frozen=True)
-class Layout:
+class Numbering:
     """Where the numbers of actions are: names of components and constants."""
 
     components: tuple[str, ...]
@@ -84,7 +84,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Sum:
+class ActionSum:
     """What some actions do: formulas of place, state and constants."""
 
     actions: tuple[Action, ...]
@@ -96,7 +96,7 @@ class Sum:
     rates: Formula | None  # of the components of actions, None without any
 
     @classmethod
-    def of(cls, actions: Sequence[Action], layout: Layout) -> Sum:
+    def of(cls, actions: Sequence[Action], layout: Numbering) -> ActionSum:
         """Return the sum of actions whose numbers lie as in a layout."""
 
         def total(name: str, none: Any, two: Callable[..., Formula]) -> Any:
@@ -118,7 +118,7 @@ class Sum:
         )
 
 
-def power_formula(acting: Sum) -> Formula:
+def power_formula(acting: ActionSum) -> Formula:
     """Return the power of what a sum or an action does.
 
     What it adds to the ``weight`` acts at the centre of mass, as a ``force`` does.
@@ -140,7 +140,7 @@ def power_formula(acting: Sum) -> Formula:
     return power  # type: ignore[no-any-return]
 
 
-def rolling_parts(chart: Chart, acting: Sum, *, holds: bool) -> Formula:
+def summed_parts(chart: Chart, acting: ActionSum, *, holds: bool) -> Formula:
     """Return the equations of a body that rolls under a sum of actions.
 
     They are a formula ``(contact, y, inertia, shape, loss)``.  Its values are the rates
@@ -162,7 +162,7 @@ def rolling_parts(chart: Chart, acting: Sum, *, holds: bool) -> Formula:
         constants = inertia + shape[:4] + loss
         located = locate(contact, y, shape)
         rates, u, omega, r, w, _ = located
-        place = Place(u, omega, r, w, cross(r, omega), 0.0)
+        place = Whereabouts(u, omega, r, w, cross(r, omega), 0.0)
         force = force_of(place, y, constants)
         more = weight_of(place, y, constants)
         torque = torque_of(place, y, constants)
@@ -204,14 +204,14 @@ def rolling_parts(chart: Chart, acting: Sum, *, holds: bool) -> Formula:
     return parts  # type: ignore[no-any-return]
 
 
-def own_rates(acting: Sum, layout: Layout) -> Formula | None:
+def own_rates(acting: ActionSum, layout: Numbering) -> Formula | None:
     """Return the rates of own works and of components of actions, None without any.
 
     They are a formula of place, normal force, state and constants.  Actions with a
     `slid_power` count their work elsewhere.
     """
     rates = [
-        _own_power(Sum.of([action], layout))
+        _own_power(ActionSum.of([action], layout))
         for action in acting.actions
         if action.own_work is not None and action.slid_power is None
     ]
@@ -236,7 +236,7 @@ def _of_components(rates: Formula) -> Formula:
     return of_components  # type: ignore[no-any-return]
 
 
-def _own_power(own: Sum) -> Formula:
+def _own_power(own: ActionSum) -> Formula:
     torque_of = own.torque
     grip_of = own.grip
     force_of = own.force
@@ -261,7 +261,7 @@ def _own_power(own: Sum) -> Formula:
 
 
 def with_own_energy(
-    before: Formula, chart: Chart, contact: Formula, acting: Sum
+    before: Formula, chart: Chart, contact: Formula, acting: ActionSum
 ) -> Formula:
     """Return an energy with that of the components of actions."""
     locate = chart.locate
@@ -270,13 +270,13 @@ def with_own_energy(
     @scalar
     def energy(y, constants):
         _, u, omega, r, w, _ = locate(contact, y, constants[3:7])
-        place = Place(u, omega, r, w, cross(r, omega), 0.0)
+        place = Whereabouts(u, omega, r, w, cross(r, omega), 0.0)
         return before(y, constants) + own_energy(place, y, constants)
 
     return energy  # type: ignore[no-any-return]
 
 
-def contact_force(chart: Chart, contact: Formula, acting: Sum) -> Formula:
+def contact_force(chart: Chart, contact: Formula, acting: ActionSum) -> Formula:
     """Return the contact force where further ones act at the centre of mass.
 
     It is a formula as `model.Model.force`.
@@ -290,7 +290,7 @@ def contact_force(chart: Chart, contact: Formula, acting: Sum) -> Formula:
     @scalar
     def force(y, dy, constants):
         _, u, omega, r, w, _ = locate(contact, y, constants[3:7])
-        place = Place(u, omega, r, w, cross(r, omega), 0.0)
+        place = Whereabouts(u, omega, r, w, cross(r, omega), 0.0)
         turned = dy[begin:end]
         weight = 1.0 + weight_of(place, y, constants)
         return force_at(u, omega, turned, r, w, weight, force_of(place, y, constants))

@@ -15,7 +15,7 @@ from rattlesweep.physics import full, sliding, vectors
 from rattlesweep.physics.full import scalar
 from rattlesweep.physics.surface import Formula
 
-HEADING = "heading", "X", "Y"
+HEADING_COMPONENT = "heading", "X", "Y"
 ROTATION = "q_0 - 1", "q_1", "q_2", "q_3", "path_x", "path_y", "path_z"
 
 
@@ -62,7 +62,7 @@ def track_of(chart: Chart, plain: Formula, n: int, contact: Formula) -> Track:
     """Return the track of a body with equations ``plain`` of ``n`` components."""
     if chart is ANYWHERE:
         return Track(ROTATION, _with_rotation(plain, n), _slid_rotation(n))
-    return Track(HEADING, _with_track(plain, n, contact), _slid_track(n))
+    return Track(HEADING_COMPONENT, _with_track(plain, n, contact), _slid_track(n))
 
 
 def _with_track(plain: Formula, n: int, touch: Formula) -> Formula:

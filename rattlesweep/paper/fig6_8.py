@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from rattlesweep.api import growth_rates, modes
 from rattlesweep.api.style import GREY, SERIES, add_legend, new_figure, value_text
 from rattlesweep.arrays import Floats
-from rattlesweep.intervals import Z95
 from rattlesweep.paper.claim import Measured, every, extremes, rises
 from rattlesweep.paper.workspace import (
     OMEGA_XY0,
@@ -31,6 +30,7 @@ from rattlesweep.paper.workspace import (
     records,
 )
 from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.statistics.intervals import Z95
 
 # The size of a symbol, as a factor.
 SYMBOL = 10**0.1

@@ -14,11 +14,11 @@ import pandas as pd
 
 from rattlesweep.api import machine, versions
 from rattlesweep.api.style import FAINT, save_figure, save_table, styled
-from rattlesweep.errors import check_names
-from rattlesweep.files import replace_file
-from rattlesweep.pages import config_yaml, embedded, render
 from rattlesweep.paper.claim import UNDECIDED, judge, read_rows_of
 from rattlesweep.paper.workspace import FULL_SIZES, Tables, Workspace, sweep_config
+from rattlesweep.system.files import replace_file
+from rattlesweep.system.pages import config_yaml, embedded, render
+from rattlesweep.words.errors import check_names
 
 # The name that selects the claims about formulas alone.
 _THEORY = "theory"

@@ -13,9 +13,9 @@ from ruamel.yaml import YAML
 from rattlesweep import api
 from rattlesweep.api import Trajectory
 from rattlesweep.api.style import BLUE, thin
-from rattlesweep.errors import OutputError
-from rattlesweep.files import probe_directory
 from rattlesweep.physics.body import Rattleback
+from rattlesweep.system.files import probe_directory
+from rattlesweep.words.errors import OutputError
 
 # Tables by name, and those of all parts by part.
 Tables = Mapping[str, pd.DataFrame]

@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattlesweep.arrays import Floats, with_plain_numbers
-from rattlesweep.defaults import MESH_UNIT
-from rattlesweep.errors import ConfigWarning
-from rattlesweep.files import as_path
 from rattlesweep.physics import si
 from rattlesweep.physics.mesh.doubts import doubts_of
 from rattlesweep.physics.mesh.pose import MeshPose
 from rattlesweep.physics.mesh.reading import read_standing
 from rattlesweep.physics.mesh.standing import Standing
 from rattlesweep.physics.si import Units
-from rattlesweep.quantities import MAX_INERTIA
-from rattlesweep.units import InSI, require_unit
+from rattlesweep.system.files import as_path
+from rattlesweep.words.defaults import MESH_UNIT
+from rattlesweep.words.errors import ConfigWarning
+from rattlesweep.words.quantities import MAX_INERTIA
+from rattlesweep.words.units import InSI, require_unit
 
 _T = TypeVar("_T", float, Floats)
 PARAMETERS = ("alpha", "beta", "gamma", "theta", "phi", "xi")

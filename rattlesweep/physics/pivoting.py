@@ -274,7 +274,7 @@ def parts_anywhere(contact, y, inertia, shape, loss):
     )
     power = rolled - sigma * dot(omega, omega)
     taken = torque * dot(u, omega)
-    return vectors.turning(y), changed, torque, normal, power, taken
+    return vectors.vertical_rate(y), changed, torque, normal, power, taken
 
 
 @scalar

@@ -24,7 +24,7 @@ class Shape(NamedTuple):
     k: Floats | float = 0.0
 
 
-def contact_point(p: Floats, q: Floats, shape: Shape) -> Floats:
+def placed_contact(p: Floats, q: Floats, shape: Shape) -> Floats:
     """Return the contact point from the centre of mass (Eqs. 4 and 8), shape (3, ...).
 
     The surface is a paraboloid or an ellipsoid.
@@ -106,4 +106,4 @@ def _contact_and_vertical(slope: Floats, shape: Shape) -> tuple[Floats, Floats]:
     """Return the contact point and the vertical unit vector of a slope."""
     p, q = slope
     up = -np.array([p, q, 1.0]) / np.sqrt(1 + p * p + q * q)
-    return contact_point(p, q, shape), up
+    return placed_contact(p, q, shape), up

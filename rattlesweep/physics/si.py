@@ -13,8 +13,8 @@ from rattlesweep.arrays import (
     unmasked,
     with_plain_numbers,
 )
-from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.units import (
+from rattlesweep.words.errors import ConfigError, one_line
+from rattlesweep.words.units import (
     KINDS,
     NATURAL,
     in_si,

@@ -1,7 +1,7 @@
 """Surfaces: the lower side of a body, which touches the plane.
 
 A further surface is a record here and the functions that it names.  Its name, and what
-users give, are in :mod:`rattlesweep.quantities`.
+users give, are in :mod:`rattlesweep.words.quantities`.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ def smooth_rates(u, omega, r, rho, shape, inertia, sigma):
 
 
 @scalar
-def turning(y):
+def vertical_rate(y):
     """Return the derivative of the vector along the vertical."""
     vx, vy, vz, a, b, c = y[:6]
     return vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
@@ -141,7 +141,7 @@ def rolling_rhs(contact, y, inertia, shape, loss):
     da, db, dc = rates
     ra, rb, rc, loss = resistance(u, omega, r, normal, lever, eps, solved)
     power = -sigma * (a * a + b * b + c * c) - loss
-    return turning(y) + (da - ra, db - rb, dc - rc, power)  # noqa: RUF005
+    return vertical_rate(y) + (da - ra, db - rb, dc - rc, power)  # noqa: RUF005
 
 
 @scalar

@@ -7,14 +7,14 @@ from typing import NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.design.config.read import parse_config, resolved
-from rattlesweep.design.config.schema import Classify
-from rattlesweep.errors import ConfigError
+from rattlesweep.config.read import parse_config, resolved
+from rattlesweep.config.schema import Classify
+from rattlesweep.rows.types import with_types
 from rattlesweep.store.locks import hold
 from rattlesweep.store.merging import all_runs, find_merged
 from rattlesweep.store.rows import Stored, open_stored, rewrite, typed_by
 from rattlesweep.store.summary import write_summary
-from rattlesweep.store.types import with_types
+from rattlesweep.words.errors import ConfigError
 
 
 class Classified(NamedTuple):

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.errors import OutputError
 from rattlesweep.store.parquet import read_parquet
 from rattlesweep.store.rows import (
     TYPED,
@@ -17,6 +16,7 @@ from rattlesweep.store.rows import (
     rewrite,
     same_bits,
 )
+from rattlesweep.words.errors import OutputError
 
 
 class Copies:

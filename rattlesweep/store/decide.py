@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.config.body_sources import GridSource
+from rattlesweep.config.schema import Stop
 from rattlesweep.design.cases import Design
-from rattlesweep.design.config.schema import GridSource, Stop
-from rattlesweep.errors import ConfigError
-from rattlesweep.intervals import wilson
+from rattlesweep.rows.types import CODE_R, TYPES
+from rattlesweep.statistics.intervals import wilson
+from rattlesweep.statistics.tails import LEAST_INDEX, median_error, tail_index
 from rattlesweep.store.rows import CODE_FAILED, CODE_MISSING, Found, Stored
-from rattlesweep.store.types import CODE_R, TYPES
-from rattlesweep.tails import LEAST_INDEX, median_error, tail_index
-from rattlesweep.units import Setting
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.units import Setting
 
 FIRST_WAVE = 400  # samples of each case in the first wave of `stop`
 NEXT_WAVE = 0.1  # size of each later wave as a share of the samples so far

@@ -12,10 +12,6 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from rattlesweep import lockfile
-from rattlesweep.errors import OutputError, printable
-from rattlesweep.files import explained, kept_in_place, remove_unfinished
-from rattlesweep.lockfile import LockFile, is_held, silence
 from rattlesweep.store.sessions import (
     SESSIONS,
     WHOLE_SWEEP,
@@ -23,6 +19,10 @@ from rattlesweep.store.sessions import (
     unfinished,
     who,
 )
+from rattlesweep.system import lockfile
+from rattlesweep.system.files import explained, kept_in_place, remove_unfinished
+from rattlesweep.system.lockfile import LockFile, is_held, silence
+from rattlesweep.words.errors import OutputError, printable
 
 LOCKS = ".locks"
 FOLDER = "runs"  # holds rows and nothing else: readers take all files there for data
@@ -41,8 +41,8 @@ def hold(directory: Path, shard: str | None = None) -> Iterator[Callable[[], Non
     """Hold a directory, or a shard such as ``shard-0-of-4``; raise an OutputError.
 
     Meanwhile no file of the directory is written or removed if another process has
-    taken this one for dead; see :func:`rattlesweep.files.check_place`. The body gets
-    a function that asks for this alone, and raises an OutputError then.
+    taken this one for dead; see :func:`rattlesweep.system.files.check_place`. The body
+    gets a function that asks for this alone, and raises an OutputError then.
     """
     mine = shard or WHOLE_SWEEP
     # First take the lock, then look for others: of two that begin at once at most one

@@ -7,22 +7,17 @@ import hashlib
 from dataclasses import replace
 from pathlib import Path
 
-from rattlesweep.design.columns import unit_and_meaning
-from rattlesweep.design.config.read import (
-    differences,
-    fixed_part,
-    physics_hash,
-    resolved,
-)
+from rattlesweep.config.read import differences, fixed_part, physics_hash, resolved
 from rattlesweep.design.plan import (
     Plan,
     make_plan,
 )
-from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.files import explained
+from rattlesweep.rows.arrow import unit_and_meaning
 from rattlesweep.store.locks import FOLDER, LOCKS, free_locks, names_of_locks
 from rattlesweep.store.provenance import command_line, machine, now, versions
 from rattlesweep.store.rows import FORMAT, MANIFEST, Stored, open_stored
+from rattlesweep.system.files import explained
+from rattlesweep.words.errors import ConfigError, OutputError
 
 
 def stored_plan(stored: Stored) -> Plan:

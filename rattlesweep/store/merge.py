@@ -12,14 +12,6 @@ from typing import BinaryIO, NamedTuple
 
 import pyarrow as pa
 
-from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.files import (
-    explained,
-    move,
-    open_regular,
-    staged_name,
-    streamed_file,
-)
 from rattlesweep.store.copies import Copies
 from rattlesweep.store.decide import wanted_runs
 from rattlesweep.store.locks import hold
@@ -31,7 +23,15 @@ from rattlesweep.store.rows import (
     open_stored,
 )
 from rattlesweep.store.summary import write_summary
-from rattlesweep.text import counted
+from rattlesweep.system.console import counted
+from rattlesweep.system.files import (
+    explained,
+    move,
+    open_regular,
+    staged_name,
+    streamed_file,
+)
+from rattlesweep.words.errors import ConfigError, OutputError
 
 FICLONE = 0x40049409  # the request of Linux by which two files share their blocks
 

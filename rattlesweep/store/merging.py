@@ -25,8 +25,6 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Integers
-from rattlesweep.errors import DamagedError, GoneError, OutputError
-from rattlesweep.files import check_place, explained, sync_folder
 from rattlesweep.store.rows import (
     KEY,
     SWEEP,
@@ -39,6 +37,8 @@ from rattlesweep.store.rows import (
     metadata,
     replaced_by,
 )
+from rattlesweep.system.files import check_place, explained, sync_folder
+from rattlesweep.words.errors import DamagedError, GoneError, OutputError
 
 # Bytes in memory from which on a file is large: about 30,000 rows, 5 MB on disk.
 FILE_BYTES = 1 << 23

@@ -17,8 +17,8 @@ from typing import BinaryIO
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rattlesweep.errors import DamagedError, GoneError, OutputError
-from rattlesweep.files import open_regular, reason, streamed_file
+from rattlesweep.system.files import open_regular, reason, streamed_file
+from rattlesweep.words.errors import DamagedError, GoneError, OutputError
 
 # Columns with few distinct values, which dictionary encoding makes smaller.
 REPEATING = {

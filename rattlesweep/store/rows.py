@@ -32,19 +32,15 @@ import pyarrow.parquet as pq
 from pydantic import Field, field_validator
 
 from rattlesweep.arrays import Flags, Integers
+from rattlesweep.config.read import parse_config
+from rattlesweep.config.schema import Classify
 from rattlesweep.design.cases import MAX_RUNS, Case, Design
-from rattlesweep.design.columns import floats, same_schema
-from rattlesweep.design.config.read import parse_config
-from rattlesweep.design.config.schema import Classify
-from rattlesweep.errors import (
-    ConfigError,
-    DamagedError,
-    GoneError,
-    OutputError,
-    TwiceError,
-    one_line,
-)
-from rattlesweep.files import (
+from rattlesweep.rows.arrow import floats, same_schema
+from rattlesweep.rows.types import TYPES, codes
+from rattlesweep.store.checked import Checked, load_checked
+from rattlesweep.store.locks import FOLDER
+from rattlesweep.store.parquet import read_parquet, write_parquet
+from rattlesweep.system.files import (
     check_place,
     explained,
     move,
@@ -52,11 +48,15 @@ from rattlesweep.files import (
     reason,
     replace_file,
 )
-from rattlesweep.names import REGIMES
-from rattlesweep.store.checked import Checked, load_checked
-from rattlesweep.store.locks import FOLDER
-from rattlesweep.store.parquet import read_parquet, write_parquet
-from rattlesweep.store.types import TYPES, codes
+from rattlesweep.words.errors import (
+    ConfigError,
+    DamagedError,
+    GoneError,
+    OutputError,
+    TwiceError,
+    one_line,
+)
+from rattlesweep.words.names import REGIMES
 
 MANIFEST = "manifest.json"
 SUMMARY = "summary.parquet"

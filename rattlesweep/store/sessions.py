@@ -16,10 +16,10 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from rattlesweep.errors import OutputError
-from rattlesweep.files import read_regular, replace_file
 from rattlesweep.store.checked import Checked, load_checked
 from rattlesweep.store.provenance import command_line, machine, now
+from rattlesweep.system.files import read_regular, replace_file
+from rattlesweep.words.errors import OutputError
 
 SESSIONS = "sessions"
 WHOLE_SWEEP = "whole"  # name of the lock of a process that works on all shards

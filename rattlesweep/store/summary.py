@@ -14,21 +14,21 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Floats, Integers
-from rattlesweep.design import columns as tables
 from rattlesweep.design.cases import VARIES, Case
-from rattlesweep.design.columns import F64, I32, I64, TEXT, Values
-from rattlesweep.errors import OutputError, one_line
-from rattlesweep.intervals import share
-from rattlesweep.names import REGIMES
 from rattlesweep.physics.theory import unsteady
-from rattlesweep.quantities import COUPLE_CONSTANTS, LOSSES, MEASURES, RATE, TIME
+from rattlesweep.rows import arrow
+from rattlesweep.rows.arrow import F64, I32, I64, TEXT, Values
+from rattlesweep.rows.types import CODE_DEAD, CODE_R, TYPES, codes
+from rattlesweep.statistics.intervals import share
+from rattlesweep.statistics.tails import LEAST_INDEX, tail_index
 from rattlesweep.store.decide import nearest_rows
 from rattlesweep.store.parquet import read_parquet, write_parquet
 from rattlesweep.store.rows import SUMMARY, Stored
 from rattlesweep.store.skipped import estimate
-from rattlesweep.store.types import CODE_DEAD, CODE_R, TYPES, codes
-from rattlesweep.tails import LEAST_INDEX, tail_index
-from rattlesweep.text import align
+from rattlesweep.system.console import align
+from rattlesweep.words.errors import OutputError, one_line
+from rattlesweep.words.names import REGIMES
+from rattlesweep.words.quantities import COUPLE_CONSTANTS, LOSSES, MEASURES, RATE, TIME
 
 # Columns of the runs that are counted or averaged; not all runs have the later ones.
 READ = (
@@ -115,7 +115,7 @@ def count_cases(stored: Stored) -> Counts:
     runs = stored.read(names)
     nearest = np.stack([rows for _, rows in nearest_rows(stored)])
     estimates = {
-        name: estimate(stored, tables.floats(runs.column(name)), nearest)
+        name: estimate(stored, arrow.floats(runs.column(name)), nearest)
         for name in INTERPOLATED_TIMES
         if name in names
     }
@@ -180,7 +180,7 @@ class Counts(dict[str, Integers]):
     def add(self, rows: pa.Table, cell: Integers) -> None:
         """Add runs to cells; a negative cell leaves a run out."""
         names = {*columns_for(rows.schema)} - {"type", "status", "regime"}
-        columns = {name: tables.floats(rows.column(name)) for name in names}
+        columns = {name: arrow.floats(rows.column(name)) for name in names}
         type_codes = codes(rows.column("type"))
         is_ok = codes(rows.column("status"), ("ok",)) == 0
         is_counted = cell >= 0
@@ -337,7 +337,7 @@ class Sample:
 def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     """Return the summary of cases whose runs are counted."""
     columns = {column.name: column.value(cases, counts) for column in _COLUMNS}
-    return tables.build_table(columns, SCHEMA)
+    return arrow.build_table(columns, SCHEMA)
 
 
 _Value = Callable[[Sequence[Case], Counts], Values]
@@ -357,9 +357,7 @@ class SummaryColumn:
     @property
     def field(self) -> pa.Field:
         """The column of the Arrow schema."""
-        return tables.field(
-            self.name, self.type, self.unit, self.meaning, self.nullable
-        )
+        return arrow.field(self.name, self.type, self.unit, self.meaning, self.nullable)
 
 
 def _target(name: str) -> _Value:
@@ -731,7 +729,7 @@ def doubts_of_means(summary: pa.Table) -> str | None:
     """Return a sentence on cases whose mean reversal time may not exist, or None."""
     if "t_r_tail" not in summary.schema.names:  # an older version wrote it
         return None
-    tails = tables.floats(summary.column("t_r_tail"))
+    tails = arrow.floats(summary.column("t_r_tail"))
     is_heavy = tails < LEAST_INDEX
     if not is_heavy.any():
         return None
@@ -739,7 +737,7 @@ def doubts_of_means(summary: pa.Table) -> str | None:
     which = f"case {first}"
     if is_heavy.sum() > 1:
         which = f"{is_heavy.sum()} cases, of which {first} is the first"
-    median = tables.floats(summary.column("t_r_median"))[first]
+    median = arrow.floats(summary.column("t_r_median"))[first]
     return (
         f"the mean reversal time of {which} depends on the few longest runs and may "
         f"not exist (tail index {tails[first]:.2g}, below {LEAST_INDEX:g}); the median "

@@ -9,28 +9,24 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Integers, spread, take
+from rattlesweep.config.schema import Config
 from rattlesweep.design.batches import ending_early, make_batch
-from rattlesweep.design.columns import (
-    GROUPS,
-    SIZE_GROUP,
-    STATE_GROUP,
-    Values,
-    build_table,
-)
-from rattlesweep.design.config.schema import Config
-from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.models import model_of
 from rattlesweep.design.plan import Plan
-from rattlesweep.design.prepared import Launches
-from rattlesweep.integrate import batch as integration
-from rattlesweep.integrate.batch import Batch, Outcome
-from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import DT, METHODS, TOL
-from rattlesweep.integrate.task import Control, Task
+from rattlesweep.design.prepare import prepare_launches
+from rattlesweep.kernel import batch as integration
+from rattlesweep.kernel import recipes
+from rattlesweep.kernel.method.tableau import DT, METHODS, TOL
+from rattlesweep.kernel.outcome import Batch, Outcome
+from rattlesweep.kernel.state.status import Status
+from rattlesweep.kernel.task import Control, Task
+from rattlesweep.rows.arrow import Values, build_table
+from rattlesweep.rows.columns import GROUPS, SIZE_GROUP, STATE_GROUP
+from rattlesweep.rows.launches import Launches
+from rattlesweep.rows.results import Results, closed_form
 from rattlesweep.store.decide import Refining
 from rattlesweep.work.error import integrate_estimated
 from rattlesweep.work.error_fit import fit_of
-from rattlesweep.work.results import Results, closed_form
 
 Prepared: TypeAlias = tuple[Launches, Batch | None]  # no batch for the closed form
 
@@ -52,10 +48,10 @@ def load_kernel(config: Config) -> None:
         return
     method = config.integrator.method
     model = model_of(config).name
-    integration.threaded_kernel(method, model, config.record)
+    recipes.threaded_kernel(method, model, config.record)
     if "error" in config.record:
         # Companions record nothing.
-        integration.threaded_kernel(method, model)
+        recipes.threaded_kernel(method, model)
 
 
 def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> Prepared:
@@ -139,7 +135,7 @@ def columns_of(
 ) -> dict[str, Values]:
     """Return the columns of runs; without an outcome, by the closed form.
 
-    Each column of :mod:`rattlesweep.design.columns` has the function that returns it.
+    Each column of :mod:`rattlesweep.rows.columns` has the function that returns it.
     """
     results = Results(config, launches, batch, outcome or closed_form(launches))
     groups = [

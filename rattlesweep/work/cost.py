@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.design.config.schema import SdSource
-from rattlesweep.design.launches import prepare_launches
+from rattlesweep.config.body_sources import SdSource
 from rattlesweep.design.plan import Plan, make_plan
-from rattlesweep.design.prepared import Launches
+from rattlesweep.design.prepare import prepare_launches
+from rattlesweep.rows.launches import Launches
 
 RUNS_PER_CASE = 16  # sampled for the expected cost of a case
 RUNS_ALONE = 256  # the same for the only case

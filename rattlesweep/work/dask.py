@@ -24,12 +24,12 @@ from typing import TYPE_CHECKING, TypedDict
 import pyarrow as pa
 
 from rattlesweep.arrays import Integers
+from rattlesweep.compiling.loading import program_hash
 from rattlesweep.design.plan import Plan
-from rattlesweep.errors import ConfigError, OutputError, one_line
-from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.compile import program_hash
-from rattlesweep.integrate.task import POLL, Control, Task
+from rattlesweep.kernel.task import POLL, Control, Task
+from rattlesweep.kernel.threads import available_threads
 from rattlesweep.store.provenance import versions
+from rattlesweep.words.errors import ConfigError, OutputError, one_line
 from rattlesweep.work.block import load_kernel, prepare_runs, start_block
 from rattlesweep.work.job import Job, Keys, OutOfTime
 from rattlesweep.work.run import Engine

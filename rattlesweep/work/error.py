@@ -44,25 +44,20 @@ with P = min(1, (d / TURN_PARTED)^2) and s = 0.  ``benchmarks/errors.py`` fits t
 constants.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rattlesweep.arrays import Flags, Floats, Integers, put, take
-from rattlesweep.design.config.schema import Config
+from rattlesweep.config.schema import Config
 from rattlesweep.design.models import model_of
-from rattlesweep.integrate.batch import (
-    Batch,
-    Outcome,
-    has_settled,
-    integrate,
-    stride,
-)
-from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
-from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
-from rattlesweep.integrate.task import Control
+from rattlesweep.kernel.batch import integrate, stride
+from rattlesweep.kernel.method.tableau import DT, MAX_STEPS, METHODS, TOL
+from rattlesweep.kernel.outcome import Batch, Estimated, Outcome, has_settled
+from rattlesweep.kernel.runs import MOST_REVERSALS
+from rattlesweep.kernel.state.status import Status
+from rattlesweep.kernel.task import Control
 from rattlesweep.motion.model import REDUCED, Model
 from rattlesweep.physics import full
 from rattlesweep.work.error_fit import TIGHTEST, fit_of
@@ -104,23 +99,6 @@ LOOSEST_OF_LADDER = 1e-4
 AGAIN = (0.4, 0.1)
 # Error of amp_growth and n_departure over their difference from the companion.
 DIFFER = 10.0
-
-
-@dataclass(frozen=True)
-class Estimated(Outcome):
-    """Outcome of runs, with errors from their companions; NaN where there are none."""
-
-    t_r_error: Floats
-    amp_growth_error: Floats
-    n_departure_error: Floats
-    # Whether it is sure that a run reverses by its horizon, or does not.
-    reversal_sure: Flags
-    tol: Floats  # NaN with a fixed step
-    companion_t_r: Floats
-    apart: Floats  # distance of the two states at their reversals
-    grazes: Integers  # undecided extrema of the spin in both
-    turn_errors: Floats  # errors of the times in `reversals`, shape (runs, 8) or (0, 8)
-    turns_sure: Integers  # number of turns, from the first on, that are sure
 
 
 def integrate_estimated(

@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
-from rattlesweep.design.config.schema import Config
-from rattlesweep.errors import ConfigError
-from rattlesweep.quantities import law_of
+from rattlesweep.config.schema import Config
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.quantities import law_of
 
 TIGHTEST = 1e-14  # tolerance below which rounding dominates the error of a step
 

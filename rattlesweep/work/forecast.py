@@ -8,13 +8,13 @@ import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.design.batches import make_batch
-from rattlesweep.design.columns import floats
-from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.plan import Plan
-from rattlesweep.design.prepared import Launches
-from rattlesweep.integrate.batch import available_threads
+from rattlesweep.design.prepare import prepare_launches
+from rattlesweep.kernel.threads import available_threads
+from rattlesweep.rows.arrow import floats
+from rattlesweep.rows.launches import Launches
 from rattlesweep.store.parquet import encode
-from rattlesweep.text import clock, counted
+from rattlesweep.system.console import clock, counted
 from rattlesweep.work.block import compute, load_kernel
 from rattlesweep.work.cost import expected_cost, sample_keys, some_cases
 

@@ -21,11 +21,11 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Floats, Integers
-from rattlesweep.design.columns import floats
 from rattlesweep.design.plan import Plan
-from rattlesweep.integrate.lanes.lane import LANES
-from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.integrate.task import Control
+from rattlesweep.kernel.method.tableau import METHODS
+from rattlesweep.kernel.state.fields import LANES
+from rattlesweep.kernel.task import Control
+from rattlesweep.rows.arrow import floats
 from rattlesweep.store.merging import Writer
 from rattlesweep.store.rows import Found, Stored, keys_of
 from rattlesweep.work.cost import case_costs

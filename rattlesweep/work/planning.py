@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from rattlesweep.config.read import parse_config
+from rattlesweep.config.schema import Config
 from rattlesweep.design.bodies.meshes import MeshBodies
 from rattlesweep.design.bodies.sources import SdBodies
 from rattlesweep.design.bodies.table import (
@@ -13,16 +15,14 @@ from rattlesweep.design.bodies.table import (
     frame_bodies,
     unknown_columns,
 )
-from rattlesweep.design.config.read import parse_config
-from rattlesweep.design.config.schema import Config
 from rattlesweep.design.plan import Plan, make_plan
 from rattlesweep.design.plausible import (
     check_physics,
 )
-from rattlesweep.errors import ConfigError
-from rattlesweep.files import as_path, probe_directory
 from rattlesweep.store.manifest import examine
 from rattlesweep.store.parquet import write_parquet
+from rattlesweep.system.files import as_path, probe_directory
+from rattlesweep.words.errors import ConfigError
 from rattlesweep.work.block import check_computable
 
 

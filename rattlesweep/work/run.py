@@ -22,12 +22,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags, Integers
-from rattlesweep.design.config.schema import Classify
+from rattlesweep.config.schema import Classify
 from rattlesweep.design.plan import Plan
-from rattlesweep.errors import ConfigError, OutputError, TwiceError
-from rattlesweep.files import explained
-from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.task import Control, Task
+from rattlesweep.kernel.task import Control, Task
+from rattlesweep.kernel.threads import available_threads
+from rattlesweep.rows.types import with_types
 from rattlesweep.store.copies import drop_copies
 from rattlesweep.store.decide import wanted_runs
 from rattlesweep.store.locks import MANIFEST_LOCK, hold, locked
@@ -37,7 +36,8 @@ from rattlesweep.store.parquet import read_parquet
 from rattlesweep.store.rows import Found, Stored, rewrite
 from rattlesweep.store.sessions import session
 from rattlesweep.store.summary import write_summary
-from rattlesweep.store.types import with_types
+from rattlesweep.system.files import explained
+from rattlesweep.words.errors import ConfigError, OutputError, TwiceError
 from rattlesweep.work.block import (
     check_computable,
     load_kernel,

@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from rattlesweep.design.plan import Plan
-from rattlesweep.errors import ConfigError
+from rattlesweep.words.errors import ConfigError
 
 _MARGIN = 300  # seconds before the limit at which a task stops
 MARGIN_SHARE = 0.25  # of the limit, if that is less

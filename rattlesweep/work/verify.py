@@ -12,11 +12,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags, Floats
-from rattlesweep.design.columns import floats
-from rattlesweep.design.config.schema import Config
-from rattlesweep.errors import ConfigError, as_lines
+from rattlesweep.config.schema import Config
+from rattlesweep.rows.arrow import floats
+from rattlesweep.rows.types import with_types
 from rattlesweep.store.decide import wanted_runs
 from rattlesweep.store.parquet import read_parquet
+from rattlesweep.store.progress import set_aside
 from rattlesweep.store.rows import (
     IS_DAMAGED,
     SUMMARY,
@@ -26,10 +27,9 @@ from rattlesweep.store.rows import (
     open_stored,
     same_bits,
 )
-from rattlesweep.store.status import set_aside
 from rattlesweep.store.summary import is_summary_right, summarise
-from rattlesweep.store.types import with_types
-from rattlesweep.text import counted
+from rattlesweep.system.console import counted
+from rattlesweep.words.errors import ConfigError, as_lines
 
 if TYPE_CHECKING:
     from rattlesweep.design.plan import Plan

@@ -13,7 +13,7 @@ from sweeping import ROOT, invoke
 import rattlesweep as rs
 from rattlesweep.analysis.engines.case import EngineCase
 from rattlesweep.analysis.engines.mjcf import to_mjcf
-from rattlesweep.errors import ConfigError, printable
+from rattlesweep.words.errors import ConfigError, printable
 
 FOLDER = ROOT / "benchmarks" / "engines"
 GH = rs.Rattleback.gh()

@@ -31,9 +31,9 @@ from rattlesweep.analysis.plots.maps import BONDI
 from rattlesweep.analysis.style import (
     GREY,
     TYPE_STYLE,
+    column_envelope,
     curve,
     encode_figure,
-    envelope,
     new_figure,
     styled,
 )
@@ -726,7 +726,7 @@ def test_the_envelope_of_a_wobble_has_no_beats():
 @pytest.mark.parametrize("periods", [40, 200, 330, 637, 900, 1010, 6711])
 def test_an_envelope_neither_beats_nor_aliases(periods):
     t = np.linspace(0, 1, 24 * max(periods, 1000) + 1)
-    found = envelope(t, np.exp(t) * np.sin(2 * np.pi * periods * t))
+    found = column_envelope(t, np.exp(t) * np.sin(2 * np.pi * periods * t))
     if periods == 40:
         assert found is None
     else:

@@ -16,7 +16,7 @@ from sweeping import invoke, rows, run
 import rattlesweep as rs
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import find_run
-from rattlesweep.errors import ConfigWarning
+from rattlesweep.words.errors import ConfigWarning
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from editing import edited
 
 import rattlesweep as rs
 from rattlesweep.analysis.report import config_yaml, make_report
-from rattlesweep.design.config.read import parse_config, physics_hash, read_yaml
+from rattlesweep.config.read import parse_config, physics_hash, read_yaml
 
 EVIL = "<script>alert(1)&lt;"
 STEADY: dict[str, Any] = {

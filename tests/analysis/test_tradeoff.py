@@ -13,7 +13,7 @@ from sweeping import ROOT, invoke
 
 from rattlesweep.analysis import tradeoff
 from rattlesweep.analysis.tradeoff import DEFAULT, REFERENCES, draw_runs
-from rattlesweep.design.config.read import load_config, parse_config, physics_hash
+from rattlesweep.config.read import load_config, parse_config, physics_hash
 
 SMALL = """\
 name: small

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pytest
 
 from rattlesweep.analysis.where import parse_where
-from rattlesweep.errors import ConfigError
+from rattlesweep.words.errors import ConfigError
 
 N = 400
 SCHEMA = pa.schema(

@@ -19,14 +19,14 @@ from scipy.stats import qmc
 from sweeping import HEAD, ROW, rows
 
 import rattlesweep as rs
+from rattlesweep.config.body_sources import Target
 from rattlesweep.design import tables
 from rattlesweep.design.bodies import sources
 from rattlesweep.design.bodies.sources import DRAWN_TOGETHER, draw_points, uniforms
-from rattlesweep.design.config.schema import Target
 from rattlesweep.design.tables import read_table
-from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.words.errors import ConfigError
 
 SPIN = {"n_i": -0.1, "omega_xy0": 0.01}
 TABLE_I = {

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from sweeping import HEAD, invoke, proved
 
 import rattlesweep as rs
-from rattlesweep.integrate.batch import PLATEAU_SHARE
+from rattlesweep.kernel.batch import PLATEAU_SHARE
 
 BODY = oracle.GH | {"theta": 0.82}
 STATE = ["omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z"]

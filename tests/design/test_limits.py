@@ -4,8 +4,8 @@ import pandas as pd
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.words.errors import ConfigError
 
 GH = rs.Rattleback.gh()
 ROW = {name: getattr(GH, name) for name in PARAMETERS}

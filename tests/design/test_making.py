@@ -8,7 +8,7 @@ from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep.design.bodies.making import body_from
-from rattlesweep.errors import ConfigError
+from rattlesweep.words.errors import ConfigError
 
 HALF = {
     "shape": "half_ellipsoid",

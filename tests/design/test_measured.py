@@ -14,8 +14,8 @@ from sweeping import HEAD, ROW
 
 import rattlesweep as rs
 from rattlesweep.design.bodies import table
-from rattlesweep.errors import ConfigWarning
-from rattlesweep.units import quantity
+from rattlesweep.words.errors import ConfigWarning
+from rattlesweep.words.units import quantity
 
 STONES = pd.DataFrame(
     {

@@ -18,7 +18,7 @@ from sweeping import HEAD, ROW
 
 import rattlesweep as rs
 from rattlesweep.design.bodies import table
-from rattlesweep.errors import ConfigError, ConfigWarning
+from rattlesweep.words.errors import ConfigError, ConfigWarning
 
 BODY = dict(zip(HEAD.split(","), map(float, ROW.split(",")), strict=True))
 SPIN = {"n_i": 0.1, "omega_xy0": 0.01}

@@ -20,9 +20,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from rattlesweep.design.config.read import load_config
+from rattlesweep.compiling.loading import processor
+from rattlesweep.config.read import load_config
 from rattlesweep.design.plan import make_plan
-from rattlesweep.integrate.compile import processor
 from rattlesweep.store.provenance import machine, versions
 from rattlesweep.work.run import integrate_plan
 

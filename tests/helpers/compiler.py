@@ -2,7 +2,7 @@
 
 A command starts processes of its own, each of which imports Numba and compiles what
 all kernels have in common.  For the sixty kernels of the tests this would take longer
-than the rest of the compilation.  `tests/integrate/test_kernel_cache.py` tests the
+than the rest of the compilation.  `tests/kernel/test_kernel_cache.py` tests the
 processes of commands; the machine code is the same.
 """
 
@@ -16,9 +16,9 @@ import sys
 import threading
 from typing import Any
 
-from rattlesweep.integrate import compile
+from rattlesweep.compiling import loading
 
-start_child = compile._start_child
+start_child = loading._start_child
 
 
 class Compiler:
@@ -81,7 +81,7 @@ def _cache_settings() -> list[str | None]:
 
 def _start() -> subprocess.Popen[str]:
     settings = {
-        "NUMBA_CACHE_DIR": str(compile.cache_folder().parent),
+        "NUMBA_CACHE_DIR": str(loading.cache_folder().parent),
         "PYTHONHASHSEED": "0",
         "PYTHONPATH": os.pathsep.join(sys.path),
     }
@@ -101,6 +101,6 @@ def serve() -> None:
         for order in json.loads(line):
             # What cannot be compiled here is compiled by the tests' own process.
             with contextlib.suppress(Exception):
-                compile.compile_orders([order])
+                loading.compile_orders([order])
         print(flush=True)
     os._exit(0)  # skips freeing the memory of LLVM, which takes a while

@@ -11,9 +11,9 @@ import numba
 import numpy as np
 import oracle
 
-from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.follow import Follower
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.kernel.batch import integrate
+from rattlesweep.kernel.follow import Follower
+from rattlesweep.kernel.method.tableau import METHODS
 from rattlesweep.motion.model import FULL
 
 

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from rattlesweep.integrate.task import Task
+from rattlesweep.kernel.task import Task
 from rattlesweep.work import dask
 from rattlesweep.work.block import compute
 

@@ -7,9 +7,9 @@ import pytest
 from numba import njit
 
 from rattlesweep import arrays
-from rattlesweep.integrate import batch
-from rattlesweep.integrate.lanes import step as stages
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.kernel import outcome, recipes
+from rattlesweep.kernel.method.tableau import METHODS
+from rattlesweep.kernel.step import explicit as stages
 from rattlesweep.motion.model import FULL, FULL_ELLIPSOID, find_model
 from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import PARAMETERS
@@ -56,7 +56,7 @@ def _modes(body):
 
 def _batch(n_i, t_end, **own):
     """Return a batch with N_WINDOWS windows per horizon, without marks or taps."""
-    return batch.Batch(
+    return outcome.Batch(
         t_end=t_end,
         window=t_end / N_WINDOWS,
         first_comparison=t_end,
@@ -113,7 +113,7 @@ def reduced_batch(body, n_i, e_p, e_r, t_end=1000.0):
 def join(*batches):
     """Concatenate batches."""
     columns = zip(*(vars(each).values() for each in batches), strict=True)
-    return batch.Batch(*map(np.concatenate, columns))
+    return outcome.Batch(*map(np.concatenate, columns))
 
 
 def assert_same(a, b, skip=()):
@@ -144,4 +144,4 @@ def attempt(method, model):
 
 def problem(method, model):
     """Return the `Problem` for which the kernel of a method and a model is compiled."""
-    return batch.problem_of(find_model(model), METHODS[method].adaptive)
+    return recipes.problem_of(find_model(model), METHODS[method].adaptive)

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from rattlesweep.quantities import QUANTITIES
-from rattlesweep.units import NATURAL
+from rattlesweep.words.quantities import QUANTITIES
+from rattlesweep.words.units import NATURAL
 
 
 def natural(**values: Any) -> dict[str, Any]:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.design import columns as tables
-from rattlesweep.design.columns import runs_schema
+from rattlesweep.rows import arrow
+from rattlesweep.rows.columns import runs_schema
 
 SCHEMA = runs_schema(("energy", "contact", "windows"))
 
@@ -32,7 +32,7 @@ def random_columns(
         elif pa.types.is_integer(field.type):
             columns[field.name] = rng.integers(0, 3, n)
         elif pa.types.is_list(field.type):
-            columns[field.name] = tables.ragged(
+            columns[field.name] = arrow.ragged(
                 rng.normal(size=(n, 5)), rng.integers(-1, 6, n)
             )
     columns["t_r"] = np.abs(columns["t_r"])  # a time

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from rattlesweep.integrate import compile
-from rattlesweep.integrate.compile import Kernel, is_stored, load_kernels
+from rattlesweep.compiling import loading
+from rattlesweep.compiling.loading import Kernel, is_stored, load_kernels
 
 
 def plus_ten(x: int) -> int:
@@ -33,12 +33,12 @@ def load_small() -> Any:
 
 def again() -> tuple[int, bool]:
     """Return its value as in a new process, and whether it was stored before."""
-    compile._loaded.clear()
+    loading._loaded.clear()
     forget_folders()
     stored = is_stored(small, "small")
     return load_small()(-3), stored
 
 
 def forget_folders() -> None:
-    compile.cache_folder.cache_clear()
-    compile._stored_folder.cache_clear()
+    loading.cache_folder.cache_clear()
+    loading._stored_folder.cache_clear()

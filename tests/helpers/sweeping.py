@@ -15,10 +15,10 @@ import pyarrow.parquet as pq
 from click.testing import CliRunner
 
 from rattlesweep import cli
-from rattlesweep.design.config.read import load_config, parse_config
+from rattlesweep.config.read import load_config, parse_config
 from rattlesweep.design.plan import Plan, make_plan
-from rattlesweep.design.prepared import Launches
-from rattlesweep.integrate.batch import Batch
+from rattlesweep.kernel.outcome import Batch
+from rattlesweep.rows.launches import Launches
 from rattlesweep.store.rows import open_stored
 from rattlesweep.work.block import prepare_runs
 from rattlesweep.work.run import run_sweep

@@ -15,14 +15,20 @@ from refusal import assert_refused
 from sweeping import PROGRAM, ROOT, invoke
 
 import rattlesweep as rs
-from rattlesweep import cli, shipped, text
+from rattlesweep import cli
 from rattlesweep.analysis.plots import FIGURE_KINDS
-from rattlesweep.design.config.read import load_config
-from rattlesweep.design.config.schema import ACCURACIES
+from rattlesweep.config.read import load_config
+from rattlesweep.config.schema import ACCURACIES
 from rattlesweep.motion.model import find_model
-from rattlesweep.names import ACCURACY_NAMES, MODEL_NAMES, PLOT_NAMES, PRESET_NAMES
 from rattlesweep.physics.body import PRESETS
-from rattlesweep.shipped import example_names
+from rattlesweep.system import console, shipped
+from rattlesweep.system.shipped import example_names
+from rattlesweep.words.names import (
+    ACCURACY_NAMES,
+    MODEL_NAMES,
+    PLOT_NAMES,
+    PRESET_NAMES,
+)
 
 HEAVY = {
     "numpy",
@@ -97,9 +103,9 @@ def test_help_and_refusals_load_nothing_heavy():
 def test_what_is_stored_is_read_without_numba():
     code = """if True:
         import sys
-        import rattlesweep.design.columns
+        import rattlesweep.rows.columns
         import rattlesweep.store.classify
-        import rattlesweep.store.status
+        import rattlesweep.store.progress
         import rattlesweep.store.summary
         assert not {"numba", "llvmlite"} & set(sys.modules)
     """
@@ -246,10 +252,10 @@ def test_a_reader_that_has_gone_is_told_nothing():
 
 
 def test_a_bar_is_shown_in_a_terminal_only(monkeypatch, capfd):
-    monkeypatch.setattr(text, "DELAY", 0)
+    monkeypatch.setattr(console, "DELAY", 0)
     for terminal, quiet in ((True, False), (False, False), (True, True)):
         monkeypatch.setattr("sys.stderr.isatty", lambda terminal=terminal: terminal)
-        with text.Bar.of_command(quiet) as bar:
+        with console.Bar.of_command(quiet) as bar:
             bar.counting("integrating")(0.5)
         assert ("integrating" in capfd.readouterr().err) == (terminal and not quiet)
 

@@ -11,8 +11,8 @@ import pint
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.words.errors import ConfigError
 
 quantity: Any = pint.UnitRegistry().Quantity
 GH = rs.Rattleback.gh()

@@ -12,10 +12,10 @@ from click.testing import CliRunner
 import rattlesweep as rs
 from rattlesweep.analysis.fit.measured import measured_body
 from rattlesweep.cli import main
-from rattlesweep.errors import ConfigWarning
 from rattlesweep.physics.mesh import shapes
 from rattlesweep.physics.mesh.solid import Solid
 from rattlesweep.physics.mesh.standing import stand
+from rattlesweep.words.errors import ConfigWarning
 
 pytest.importorskip("trimesh")
 NAMES = ("alpha", "beta", "gamma", "theta", "phi", "xi", "c", "rim")

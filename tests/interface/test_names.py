@@ -14,7 +14,8 @@ SAME = {
     """,
     "a formula for numbers and for bodies": "bondi_threshold growth_rates modes",
     "the same quantity in other variables": """
-        CONSTANTS N_EXTRA N_STATE contact_force energy rhs spin track
+        CONSTANTS N_EXTRA N_STATE contact_force energy rhs rolling_rhs spin spin_rate
+        track
     """,
     "a tangent, and each tangent of a frame": "rate seed transverse",
     "what a mode does there": "RESULTS advance hold_back observe settle store work",

@@ -13,11 +13,11 @@ from ruamel.yaml import YAML
 from sweeping import invoke
 
 import rattlesweep as rs
-from rattlesweep import quantities
-from rattlesweep.design import columns
-from rattlesweep.design.config.read import load_config, parse_config
+from rattlesweep.config.read import load_config, parse_config
 from rattlesweep.design.plan import make_plan
-from rattlesweep.units import KINDS, quantity
+from rattlesweep.rows import columns
+from rattlesweep.words import quantities
+from rattlesweep.words.units import KINDS, quantity
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "docs" / "make_reference.py"

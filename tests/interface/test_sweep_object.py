@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.errors import ConfigWarning
+from rattlesweep.words.errors import ConfigWarning
 from rattlesweep.work.verify import verify
 
 GH = rs.Rattleback.gh()

@@ -14,8 +14,8 @@ from sweeping import invoke, plan_of, prepared
 import rattlesweep as rs
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.design.single import Launch
-from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.kernel.batch import integrate
+from rattlesweep.kernel.method.tableau import METHODS
 from rattlesweep.motion.model import FULL
 
 GH = rs.Rattleback.gh()

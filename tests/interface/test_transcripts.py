@@ -17,7 +17,7 @@ from pathlib import Path
 from click.testing import CliRunner
 
 from rattlesweep.cli import main
-from rattlesweep.text import COMPILING
+from rattlesweep.system.console import COMPILING
 
 FILE = Path(__file__).parents[1] / "net" / "transcripts.txt"
 FILES = {

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 from exact import exactly
 
-from rattlesweep.integrate.batch import by_own_model, with_model
+from rattlesweep.kernel.batch import by_own_model, with_model
 from rattlesweep.motion.action import (
     ACTIONS,
     PIVOTING,
     ROLLING,
     VISCOUS,
     Action,
-    in_order,
+    numbered,
 )
 from rattlesweep.motion.chart import ANYWHERE, SLOPES
 from rattlesweep.motion.model import ELLIPSOID, FULL, compose, find_model
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.full import scalar
-from rattlesweep.quantities import LOSSES, law_of
+from rattlesweep.words.quantities import LOSSES, law_of
 
 
 def test_each_constant_of_dissipation_belongs_to_an_action():
@@ -51,8 +51,8 @@ def test_a_model_is_composed_again_from_its_name(name):
 
 
 def test_the_viscous_torque_accompanies_the_others_and_pivoting_is_the_last():
-    assert in_order([PIVOTING, ROLLING]) == (VISCOUS, ROLLING, PIVOTING)
-    assert in_order([]) == ()
+    assert numbered([PIVOTING, ROLLING]) == (VISCOUS, ROLLING, PIVOTING)
+    assert numbered([]) == ()
     anywhere = find_model("ellipsoid_pivoting").anywhere
     assert anywhere is compose(ANYWHERE, ELLIPSOID, [PIVOTING])
     assert anywhere.constants[7:] == (

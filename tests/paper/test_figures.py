@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import theory_mp
 
-from rattlesweep.design.config.schema import SdRanges
+from rattlesweep.config.body_sources import SdRanges
 from rattlesweep.paper import fig3_4, fig5_9, fig7, formulas
 from rattlesweep.paper.claim import judge, judge_claim, read_rows_of
 from rattlesweep.paper.workspace import Sizes, Workspace

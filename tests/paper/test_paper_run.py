@@ -15,7 +15,7 @@ from refusal import assert_refused
 from sweeping import ROOT, invoke
 
 from rattlesweep.analysis.style import save_figure
-from rattlesweep.design.config.read import load_config, parse_config, resolved
+from rattlesweep.config.read import load_config, parse_config, resolved
 from rattlesweep.paper import reproduce as command
 from rattlesweep.paper.reproduce import choose_figures, reproduce
 from rattlesweep.paper.workspace import (

@@ -19,9 +19,9 @@ from mesh_files import (
 )
 
 import rattlesweep as rs
-from rattlesweep.errors import ConfigWarning
 from rattlesweep.physics.mesh import archive, standing
 from rattlesweep.physics.mesh.reading import read_solid
+from rattlesweep.words.errors import ConfigWarning
 
 pytest.importorskip("trimesh")
 pytest.importorskip("manifold3d")

@@ -12,7 +12,7 @@ from sweeping import invoke
 import rattlesweep as rs
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.si import components, half_ellipsoid
-from rattlesweep.units import KINDS, quantity
+from rattlesweep.words.units import KINDS, quantity
 
 STONE = {
     "mass": 1.0,

@@ -1,7 +1,7 @@
 """The table of common units says what pint says."""
 
-from rattlesweep import units
-from rattlesweep.common_units import COMMON
+from rattlesweep.words import units
+from rattlesweep.words.common_units import COMMON
 
 
 def test_common_units_are_those_of_pint(monkeypatch):

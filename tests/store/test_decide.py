@@ -15,12 +15,12 @@ from cutting import Stop, cut
 from hardship import check_equal
 from sweeping import changed, plan_of, proved
 
-from rattlesweep.errors import ConfigError
-from rattlesweep.intervals import wilson
+from rattlesweep.statistics.intervals import wilson
 from rattlesweep.store.decide import FIRST_WAVE, nearest_rows, wanted_runs
+from rattlesweep.store.progress import status
 from rattlesweep.store.rows import nothing_found, open_stored, same_bits
-from rattlesweep.store.status import status
 from rattlesweep.store.summary import summarise
+from rattlesweep.words.errors import ConfigError
 from rattlesweep.work.run import integrate_plan, run_sweep
 from rattlesweep.work.verify import verify
 

@@ -17,9 +17,9 @@ from refusal import assert_refused
 from sweeping import changed, invoke, sweep, tree
 
 import rattlesweep as rs
-from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.store.parquet import read_parquet, write_parquet
 from rattlesweep.store.rows import Stored, metadata
+from rattlesweep.words.errors import ConfigError, OutputError
 from rattlesweep.work import error_fit, job
 
 CONFIG: dict[str, Any] = {

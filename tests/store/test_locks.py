@@ -17,12 +17,12 @@ import pytest
 import sweeping
 from hardship import wait_until
 
-from rattlesweep import lockfile
-from rattlesweep.errors import OutputError
-from rattlesweep.lockfile import LockFile, is_held
 from rattlesweep.store import locks
 from rattlesweep.store.locks import LOCKS, MANIFEST_LOCK, at_work, hold, locked
-from rattlesweep.store.status import status
+from rattlesweep.store.progress import status
+from rattlesweep.system import lockfile
+from rattlesweep.system.lockfile import LockFile, is_held
+from rattlesweep.words.errors import OutputError
 
 CONFIG: dict[str, Any] = {
     "model": "gh",
@@ -122,7 +122,7 @@ def test_a_reader_sees_who_is_at_work_and_writes_nothing(tmp_path, monkeypatch):
         monkeypatch.setattr(os, "open", read_only)
         assert len(status(output).data["at_work"]) == 1
     assert "was killed" in status(output).words
-    monkeypatch.setattr("rattlesweep.store.status.is_readable", lambda place: False)
+    monkeypatch.setattr("rattlesweep.store.progress.is_readable", lambda place: False)
     told = status(output)
     assert "at work or killed (its lock does not tell)" in told.words
     assert "was killed" not in told.words
@@ -154,7 +154,7 @@ def test_who_holds_the_manifest_is_said(tmp_path, monkeypatch, capsys):
 HOLDING = """if True:
     import sys, time
     from pathlib import Path
-    from rattlesweep.lockfile import LockFile
+    from rattlesweep.system.lockfile import LockFile
 
     assert LockFile(Path(sys.argv[1])).acquire()
     Path(sys.argv[1] + ".ready").touch()

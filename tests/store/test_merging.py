@@ -16,13 +16,13 @@ from hardship import check_equal, files_of
 from sweeping import invoke, plan_of
 
 from rattlesweep.design.plan import Case
-from rattlesweep.errors import OutputError
 from rattlesweep.store import merging
 from rattlesweep.store import rows as stores
 from rattlesweep.store.manifest import examine
 from rattlesweep.store.parquet import read_parquet, write_parquet
+from rattlesweep.store.progress import status
 from rattlesweep.store.rows import KEY, metadata, open_stored
-from rattlesweep.store.status import status
+from rattlesweep.words.errors import OutputError
 from rattlesweep.work import job as jobs
 from rattlesweep.work import verify as verifying
 from rattlesweep.work.run import Shard

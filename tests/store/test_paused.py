@@ -18,16 +18,16 @@ import pyarrow.compute as pc
 import pytest
 import sweeping
 
-from rattlesweep import lockfile
-from rattlesweep.errors import OutputError
-from rattlesweep.files import check_place
-from rattlesweep.lockfile import is_held
 from rattlesweep.store import locks
 from rattlesweep.store.locks import LOCKS, MANIFEST_LOCK, hold, locked
 from rattlesweep.store.merging import Writer
+from rattlesweep.store.progress import status
 from rattlesweep.store.rows import Stored, open_stored, same_bits, typed_by
 from rattlesweep.store.sessions import session
-from rattlesweep.store.status import status
+from rattlesweep.system import lockfile
+from rattlesweep.system.files import check_place
+from rattlesweep.system.lockfile import is_held
+from rattlesweep.words.errors import OutputError
 
 CONFIG: dict[str, Any] = {
     "model": "gh",
@@ -181,7 +181,7 @@ def test_a_dead_process_of_this_system_is_not_waited_for(tmp_path, monkeypatch):
     monkeypatch.setattr(lockfile, "SILENCE", 1000.0)
     holding = (
         "import os, sys; from pathlib import Path\n"
-        "from rattlesweep.lockfile import LockFile\n"
+        "from rattlesweep.system.lockfile import LockFile\n"
         "assert LockFile(Path(sys.argv[1])).acquire(); os.kill(os.getpid(), 9)"
     )
     (tmp_path / LOCKS).mkdir()

@@ -5,11 +5,11 @@ import pytest
 from sweeping import invoke, plan_of
 
 import rattlesweep as rs
-from rattlesweep.errors import ConfigError
-from rattlesweep.names import REGIMES
+from rattlesweep.rows.regimes import kaplan_yorke, regime_codes, significant
 from rattlesweep.store.decide import wanted_runs
-from rattlesweep.store.regimes import kaplan_yorke, regime_codes, significant
 from rattlesweep.store.rows import open_stored
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.names import REGIMES
 from rattlesweep.work.verify import verify
 
 # A body of Gonchenko and others (2013), with a strange attractor at an energy of 6.52.

@@ -18,17 +18,18 @@ from editing import replaced
 from random_rows import SCHEMA, random_columns
 from sweeping import sweep
 
-from rattlesweep import quantities as units
-from rattlesweep.design import columns as tables
+from rattlesweep.config.read import parse_config
 from rattlesweep.design.cases import Case
-from rattlesweep.design.columns import build_table, runs_schema
-from rattlesweep.design.config.read import parse_config
-from rattlesweep.errors import DamagedError, OutputError
-from rattlesweep.files import replace_file, streamed_file
+from rattlesweep.rows import columns as tables
+from rattlesweep.rows.arrow import build_table
+from rattlesweep.rows.columns import runs_schema
 from rattlesweep.store import rows as stored_module
 from rattlesweep.store import summary
 from rattlesweep.store.parquet import read_parquet, write_parquet
 from rattlesweep.store.rows import Stored, metadata, open_stored, same_bits
+from rattlesweep.system.files import replace_file, streamed_file
+from rattlesweep.words import quantities as units
+from rattlesweep.words.errors import DamagedError, OutputError
 
 CASES = tuple(Case(k, None, None, -0.1 * (k + 1), 0.01) for k in range(5))
 CONFIG: dict[str, Any] = {

@@ -17,8 +17,8 @@ from random_rows import SCHEMA, random_columns
 
 import rattlesweep as rs
 from rattlesweep.design.cases import Case
-from rattlesweep.design.columns import build_table, same_schema
-from rattlesweep.intervals import wilson
+from rattlesweep.rows.arrow import build_table, same_schema
+from rattlesweep.statistics.intervals import wilson
 from rattlesweep.store import rows as stored_module
 from rattlesweep.store import summary as summary_module
 from rattlesweep.store.parquet import read_parquet

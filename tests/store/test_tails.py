@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 import sweeping
 
+from rattlesweep.statistics.tails import median_error, tail_index
 from rattlesweep.store.decide import FIRST_WAVE
 from rattlesweep.store.rows import open_stored
 from rattlesweep.store.summary import MOST_KEPT, Sample, doubts_of_means
-from rattlesweep.tails import median_error, tail_index
 
 # The closed form, with the paper's range of skews, which begins at zero.
 ENDLESS: dict[str, Any] = {

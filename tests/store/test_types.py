@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rattlesweep as rs
-from rattlesweep.design.config.schema import Classify
-from rattlesweep.store.types import (
+from rattlesweep.config.schema import Classify
+from rattlesweep.rows.types import (
     CODE_SW,
     CODE_UNCLASSIFIED,
     classify,

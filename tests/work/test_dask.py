@@ -20,8 +20,8 @@ import pytest
 from hardship import rows_of, wait_until
 from sweeping import CONFIGS, sweep
 
-from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.store.rows import Stored
+from rattlesweep.words.errors import ConfigError, OutputError
 from rattlesweep.work import dask as daskengine
 from rattlesweep.work import job as jobs
 from rattlesweep.work.dask import make_engine

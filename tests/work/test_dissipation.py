@@ -14,10 +14,10 @@ from sweeping import HEAD, ROW, invoke, plan_of, prepared, proved
 
 import rattlesweep as rs
 from rattlesweep.design.models import model_of
-from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady
 from rattlesweep.physics.theory import bondi_threshold
 from rattlesweep.store.classify import classify_stored
+from rattlesweep.words.errors import ConfigError
 
 SIGMA = [0.0, 0.05, 0.2]
 ROLLING = [0.0, 1e-3]

@@ -19,24 +19,25 @@ from sweeping import content_hash, prepared, proved
 
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import find_run
-from rattlesweep.design.columns import RUN_FIELDS, runs_schema
 from rattlesweep.design.plan import Plan
-from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.batch import Batch, Outcome, integrate
-from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.integrate.task import Control
+from rattlesweep.kernel.batch import integrate
+from rattlesweep.kernel.method.tableau import METHODS
+from rattlesweep.kernel.outcome import Batch, Estimated, Outcome
+from rattlesweep.kernel.state.status import Status
+from rattlesweep.kernel.task import Control
 from rattlesweep.motion.model import FULL
-from rattlesweep.store.classify import classify_stored
-from rattlesweep.store.rows import open_stored, same_bits
-from rattlesweep.store.summary import read_summary
-from rattlesweep.store.types import (
+from rattlesweep.rows.columns import RUN_FIELDS, runs_schema
+from rattlesweep.rows.types import (
     CODE_R,
     CODE_SS,
     CODE_SW,
     CODE_UNCLASSIFIED,
     sure_types,
 )
+from rattlesweep.store.classify import classify_stored
+from rattlesweep.store.rows import open_stored, same_bits
+from rattlesweep.store.summary import read_summary
+from rattlesweep.words.errors import ConfigError
 from rattlesweep.work import error, error_fit
 from rattlesweep.work.block import columns_of, compute, prepare_runs, run_batch
 from rattlesweep.work.run import Shard
@@ -419,7 +420,7 @@ def test_errors_of_launches_that_mostly_swing(tmp_path):
         if true is None:
             true = integrate(batch, METHODS["verner98"], FULL, tol=1e-14).t_r
         estimated = run_batch(plan.config, batch)
-        assert isinstance(estimated, error.Estimated)
+        assert isinstance(estimated, Estimated)
         reverses = np.isfinite(estimated.t_r)
         off = np.abs(estimated.t_r - true)[reverses]
         is_covered = off <= estimated.t_r_error[reverses]
@@ -436,7 +437,7 @@ def test_goals_of_launches_that_mostly_swing(goal, tmp_path):
     batch = prepared(plan)[1]
     true = integrate(batch, METHODS["verner98"], FULL, tol=1e-14).t_r
     estimated = run_batch(plan.config, batch)
-    assert isinstance(estimated, error.Estimated)
+    assert isinstance(estimated, Estimated)
     reverses = np.isfinite(estimated.t_r)
     is_marked = estimated.t_r_error > goal * estimated.t_r
     misses = np.abs(estimated.t_r / true - 1) > goal
@@ -513,7 +514,7 @@ def test_quickstart_keeps_its_promise():
     plan = sweeping.plan_of("quickstart.yaml", "integrator={accuracy: {t_r: 1e-6}}")
     launches, batch = prepared(plan)
     estimated = run_batch(plan.config, batch)
-    assert isinstance(estimated, error.Estimated)
+    assert isinstance(estimated, Estimated)
     true = integrate(batch, METHODS["verner98"], FULL, tol=1e-14).t_r
     is_within = np.abs(estimated.t_r / true - 1) <= 1e-6
     is_marked = estimated.t_r_error > 1e-6 * estimated.t_r

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.integrate.lanes.runs import N_WINDOWS
+from rattlesweep.kernel.runs import N_WINDOWS
 from rattlesweep.physics import full
 from rattlesweep.physics.steady import steady_modes
 

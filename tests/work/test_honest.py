@@ -9,9 +9,9 @@ import sweeping
 from sweeping import prepared
 
 from rattlesweep.design.models import model_of
-from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.work import error
+from rattlesweep.kernel import outcome
+from rattlesweep.kernel.batch import integrate
+from rattlesweep.kernel.method.tableau import METHODS
 from rattlesweep.work.block import run_batch
 
 
@@ -52,7 +52,7 @@ def test_errors_of_wide_bodies_with_pivoting(tol, tmp_path):
     true = integrate(batch, METHODS["verner98"], model, tol=1e-14).t_r
     other = integrate(batch, METHODS["dop853"], model, tol=1e-13).t_r
     estimated = run_batch(plan.config, batch)
-    assert isinstance(estimated, error.Estimated)
+    assert isinstance(estimated, outcome.Estimated)
     off = np.abs(estimated.t_r - true)
     doubt = np.abs(other - true)
     is_known = doubt <= np.maximum(1e-9 * true, 0.1 * off)

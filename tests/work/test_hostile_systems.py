@@ -16,12 +16,13 @@ import sweeping
 from sweeping import CONFIGS
 
 import rattlesweep as rs
-from rattlesweep import files
-from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.integrate import compile, processor_time
+from rattlesweep.compiling import loading
 from rattlesweep.store import parquet
 from rattlesweep.store import rows as stores
 from rattlesweep.store.rows import open_stored
+from rattlesweep.system import files
+from rattlesweep.system.processors import processor_time
+from rattlesweep.words.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.work import slurm
 
 CONFIG: dict[str, Any] = {
@@ -198,12 +199,12 @@ def test_quotas_of_containers_are_read(group, mount, quotas, allowed, tmp_path):
 def test_settings_of_numba_that_change_code_have_other_kernels(monkeypatch):
     from numba import config
 
-    usual = compile.source_hash.__wrapped__()
+    usual = loading.source_hash.__wrapped__()
     for name in ("LOOP_VECTORIZE", "OPT", "BOUNDSCHECK", "SLP_VECTORIZE"):
         with monkeypatch.context() as patch:
             patch.setattr(config, name, "another")
-            assert compile.source_hash.__wrapped__() != usual
-    assert compile.source_hash.__wrapped__() == usual
+            assert loading.source_hash.__wrapped__() != usual
+    assert loading.source_hash.__wrapped__() == usual
 
 
 @pytest.mark.parametrize(
@@ -220,10 +221,10 @@ def test_settings_of_numba_that_change_code_have_other_kernels(monkeypatch):
 )
 def test_only_python_is_started_to_compile(program, is_python, monkeypatch):
     monkeypatch.setattr(sys, "executable", program)
-    monkeypatch.delenv(compile.IS_CHILD, raising=False)
-    assert compile._can_start() == is_python
-    monkeypatch.setenv(compile.IS_CHILD, "1")
-    assert not compile._can_start()
+    monkeypatch.delenv(loading.IS_CHILD, raising=False)
+    assert loading._can_start() == is_python
+    monkeypatch.setenv(loading.IS_CHILD, "1")
+    assert not loading._can_start()
 
 
 def test_a_script_names_the_program_that_is_there(tmp_path, monkeypatch):

@@ -15,10 +15,10 @@ from cutting import Stop, cut
 from hardship import check_equal
 from sweeping import changed, plan_of
 
-from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.integrate.batch import available_threads
+from rattlesweep.kernel.threads import available_threads
 from rattlesweep.store.merge import merge
 from rattlesweep.store.rows import open_stored, same_bits
+from rattlesweep.words.errors import ConfigError, OutputError
 from rattlesweep.work.job import Job, Keys
 from rattlesweep.work.run import Shard, integrate_plan, local
 

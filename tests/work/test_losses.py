@@ -12,11 +12,11 @@ from click.testing import CliRunner
 
 import rattlesweep as rs
 from rattlesweep.cli import main
+from rattlesweep.config.read import parse_config, physics_hash
 from rattlesweep.design.bodies.table import frame_bodies
-from rattlesweep.design.config.read import parse_config, physics_hash
 from rattlesweep.design.plan import make_plan
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.quantities import LOSSES
+from rattlesweep.words.quantities import LOSSES
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 from sweeping import CONFIGS, proved, run
 
-from rattlesweep import files
+from rattlesweep.system import files
 from rattlesweep.work import dask as daskengine
 
 # As on Windows, but for file names and locks, which are those of this system.
 CODE = """if True:
     import builtins, multiprocessing.resource_tracker, os, signal, sys
-    import platformdirs, rattlesweep.lockfile  # of this system
+    import platformdirs, rattlesweep.system.lockfile  # of this system
 
     for module, names in (
         (os, "fork forkpty register_at_fork sched_getaffinity geteuid getuid"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sweeping import plan_of
 
-from rattlesweep.design.launches import prepare_launches
+from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.store.parquet import write_parquet
 from rattlesweep.work.cost import expected_cost, sample_keys
 from rattlesweep.work.forecast import forecast

@@ -29,8 +29,9 @@ from sweeping import (
 )
 
 import rattlesweep as rs
-from rattlesweep.design.columns import runs_schema, same_schema
-from rattlesweep.design.config.read import parse_config
+from rattlesweep.config.read import parse_config
+from rattlesweep.rows.arrow import same_schema
+from rattlesweep.rows.columns import runs_schema
 from rattlesweep.store.summary import SCHEMA
 
 SMALL = {
@@ -170,7 +171,7 @@ def test_bodies_can_be_drawn_while_a_kernel_runs():
     code = """
 import time, numpy as np
 from sweeping import plan_of
-from rattlesweep.integrate.task import Task
+from rattlesweep.kernel.task import Task
 from rattlesweep.work.block import compute, prepare_runs
 
 plan = plan_of("quickstart.yaml", "bodies.target.rel_tol=0.1")

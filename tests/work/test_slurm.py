@@ -14,9 +14,9 @@ import pytest
 from hardship import wait_until
 
 import rattlesweep as rs
-from rattlesweep.design.config.read import load_config
+from rattlesweep.config.read import load_config
 from rattlesweep.design.plan import make_plan
-from rattlesweep.errors import ConfigError
+from rattlesweep.words.errors import ConfigError
 from rattlesweep.work.slurm import job_script, limit_of
 
 PROGRAM, SHELLCHECK = (

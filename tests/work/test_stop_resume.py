@@ -24,14 +24,14 @@ from hardship import (
 )
 from sweeping import plan_of
 
-from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.integrate import task
+from rattlesweep.kernel import task
 from rattlesweep.store import merging
 from rattlesweep.store import rows as stores
 from rattlesweep.store.locks import hold
+from rattlesweep.store.progress import status
 from rattlesweep.store.rows import Found, open_stored
 from rattlesweep.store.sessions import read_sessions
-from rattlesweep.store.status import status
+from rattlesweep.words.errors import ConfigError, OutputError
 from rattlesweep.work import job as jobs
 from rattlesweep.work.job import Job, Progress
 

@@ -16,12 +16,12 @@ import sweeping
 from hardship import check_equal, files_of, rows_of
 
 import rattlesweep as rs
-from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.store import merging
 from rattlesweep.store.classify import classify_stored
 from rattlesweep.store.parquet import read_parquet, write_parquet
+from rattlesweep.store.progress import status
 from rattlesweep.store.rows import open_stored, rewrite, same_bits
-from rattlesweep.store.status import status
+from rattlesweep.words.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.work import job as jobs
 from rattlesweep.work.run import Shard
 from rattlesweep.work.verify import verify

@@ -19,12 +19,12 @@ from scipy.spatial.transform import Rotation
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
 from rattlesweep.design.batches import make_batch
-from rattlesweep.errors import ConfigError
 from rattlesweep.physics.si import Units
-from rattlesweep.quantities import LOSSES
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.quantities import LOSSES
 
 if TYPE_CHECKING:
-    from rattlesweep.integrate.follow import Follower
+    from rattlesweep.kernel.follow import Follower
 
     Columns = dict[str, Floats]
 

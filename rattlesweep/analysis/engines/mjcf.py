@@ -8,8 +8,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from rattlesweep.analysis.engines.case import EngineCase
 from rattlesweep.analysis.onerun.course import PreparedRun
-from rattlesweep.errors import ConfigError, printable
-from rattlesweep.shipped import linked
+from rattlesweep.system.shipped import linked
+from rattlesweep.words.errors import ConfigError, printable
 
 # Friction of a plane that always holds: this, or so many times what rolling needs.
 HOLDING_FRICTION = 1.0

@@ -14,7 +14,7 @@ import numpy as np
 
 from rattlesweep.analysis.fit.film import BARE, FAST, Film
 from rattlesweep.arrays import Floats, Places
-from rattlesweep.errors import ConfigError
+from rattlesweep.words.errors import ConfigError
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.fit.problem import FitProblem
@@ -31,7 +31,9 @@ LONGEST_GAP = 0.5  # seconds without an angle; in a longer gap half a turn may g
 CLEAR = 1.5
 # Most by which two times of a first reversal may differ, as a factor.
 _AROUND = 3.0
-SLOWEST = math.radians(20)  # spin of a film in 1/s, below which nobody films a stone
+SLOWEST_DECAY = math.radians(
+    20
+)  # spin of a film in 1/s, below which nobody films a stone
 # A spin against the launch is noise up to this share of the launch's spin.
 TURNING = 0.2
 # Kolmogorov's limit, which one in 1000 sets of independent residuals exceeds.
@@ -206,7 +208,7 @@ def doubts_of_data(
         remarks.append(_of_fast_turns(film, units, n_i))
     if film.kind == "angle" and film.value_column.unit.name == "deg":
         span = float(np.ptp(np.degrees(film.value[film.known])))
-        is_slow = units is not None and film.largest_spin / units.time < SLOWEST
+        is_slow = units is not None and film.largest_spin / units.time < SLOWEST_DECAY
         if span < math.tau:
             remarks.append(
                 f"all angles are within {span:.3g} degrees; if they are in radians, "

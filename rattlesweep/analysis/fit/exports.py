@@ -17,7 +17,7 @@ import numpy as np
 
 from rattlesweep.analysis.fit.sheets import FrameSheet, Sheet
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.words.errors import ConfigError, one_line
 
 # Units of rates in rad/s, and of times in s.
 _RATES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180, "dps": math.pi / 180}
@@ -29,7 +29,7 @@ AGREEING = 0.05
 FOLDED = 0.8 * math.tau  # a step of radians that is a full turn
 # The spin of an angle may be off that of the launch by this factor.
 ABOUT = 3.0
-GRAVITY = 9.81
+STANDARD_GRAVITY = 9.81
 # x, y and z of an acceleration at rest are as long as this share of gravity, or less.
 NEAR_GRAVITY = 0.1
 UNCLEAR = re.compile(r"acc|grav|magn|orient", re.IGNORECASE)
@@ -167,9 +167,9 @@ def _rates(found: _Found, n_i: float | None) -> FrameSheet:
 def _refuse_accelerations(found: _Found, columns: list[Floats]) -> None:
     """Raise if x, y and z of a table are no rates by its name or by their length."""
     length = np.sqrt(np.sum(np.square(columns), axis=0))
-    off = float(np.nanmax(np.abs(length - GRAVITY)))
+    off = float(np.nanmax(np.abs(length - STANDARD_GRAVITY)))
     name = found.sheet.place.replace("\\", "/").rpartition("/")[2]
-    if UNCLEAR.search(name) or off < NEAR_GRAVITY * GRAVITY:
+    if UNCLEAR.search(name) or off < NEAR_GRAVITY * STANDARD_GRAVITY:
         raise found.error(
             "x, y and z look like an acceleration or a magnetic field; give "
             "Gyroscope.csv"

@@ -16,8 +16,8 @@ import numpy as np
 from rattlesweep.analysis.fit.exports import PROGRAMS, from_export
 from rattlesweep.analysis.fit.sheets import Sheet, open_sheet
 from rattlesweep.arrays import Flags, Floats, Places
-from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.units import quantity, split
+from rattlesweep.words.errors import ConfigError, one_line
+from rattlesweep.words.units import quantity, split
 
 if TYPE_CHECKING:
     import pandas as pd

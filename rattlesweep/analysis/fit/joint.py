@@ -18,7 +18,7 @@ from rattlesweep.analysis.fit.measured import of_body
 from rattlesweep.analysis.fit.problem import FITTABLE, FitProblem
 from rattlesweep.analysis.fit.result import Fit, unit_for_people
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError
+from rattlesweep.words.errors import ConfigError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,7 +12,7 @@ import numpy as np
 
 from rattlesweep.analysis.fit.film import Film
 from rattlesweep.arrays import Flags, Floats, Places
-from rattlesweep.errors import ConfigError
+from rattlesweep.words.errors import ConfigError
 
 # A stone is at rest below this share of its largest spin, and launched above the other.
 RESTING = 0.05
@@ -22,12 +22,12 @@ FEWEST_AT_REST = 5  # rows
 GROWING = 0.05
 # Rest before a launch takes so many times as long as the launch.  A tap, whose spin
 # grows from zero in some periods of its oscillation, does not.
-LONGER = 2
+LONGER_REST = 2
 SPAN = 5  # rows over which an angle tells a spin
 NOISY = 4.0  # standard deviations within which an angle is at rest
 # A plateau has so many equal values one after the other, and so many times more than
 # any other value has.
-PLATEAU = 4
+LIMIT_PLATEAU = 4
 FLATTER = 3
 BESIDE = 2  # rows on each side of a clipped one
 MOST_CLIPPED = 0.5  # share of the rows
@@ -57,7 +57,7 @@ def _without_plateau(film: Film) -> Film:
     flat = max((count for value, count in runs if value == largest), default=0)
     # Rest may be written as zeros.
     others = max((count for value, count in runs if 0 < value < largest), default=0)
-    if flat < PLATEAU or flat < FLATTER * others:
+    if flat < LIMIT_PLATEAU or flat < FLATTER * others:
         return film
     is_clipped = size == largest
     count = int(is_clipped.sum())
@@ -101,9 +101,9 @@ def _without_rest(film: Film, n_i: float | None) -> Film:
         and abs(rate[launch + 1]) > abs(rate[launch]) + GROWING * largest
     ):
         launch += 1
-    if resting < LONGER * (launch - resting):
+    if resting < LONGER_REST * (launch - resting):
         is_far = n_i is not None and abs(film.first_spin) < LAUNCHED * abs(n_i)
-        if is_far and resting >= LONGER * FEWEST_AT_REST:
+        if is_far and resting >= LONGER_REST * FEWEST_AT_REST:
             raise ConfigError(
                 f"{film.source}: the stone is at rest up to row {rows[resting - 1] + 1}"
                 " and the launch is not seen; cut the rows before it"

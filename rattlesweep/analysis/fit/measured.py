@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from rattlesweep.design.bodies.making import SIZE_KINDS, body_from
-from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.si import number
-from rattlesweep.quantities import ANGLES, QUANTITIES
-from rattlesweep.units import InSI, natural, separate_error
+from rattlesweep.words.errors import ConfigError, one_line
+from rattlesweep.words.quantities import ANGLES, QUANTITIES
+from rattlesweep.words.units import InSI, natural, separate_error
 
 # Keys of bodies with a size that may have an error, and those of bodies without.
 _SIZES = (

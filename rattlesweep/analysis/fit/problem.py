@@ -15,11 +15,11 @@ from rattlesweep.analysis.fit.turns import failure, reversal_times
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
 from rattlesweep.design.single import Launch
-from rattlesweep.integrate.status import Status
+from rattlesweep.kernel.state.status import Status
 from rattlesweep.physics.body import PARAMETERS as BODY
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
-from rattlesweep.quantities import LOSSES, RATE, TIME
+from rattlesweep.words.quantities import LOSSES, RATE, TIME
 
 # The channels that measured quantities are compared with.
 CHANNELS_OF = {

@@ -14,7 +14,7 @@ import pandas as pd
 
 from rattlesweep.analysis.fit.estimate import Estimate, minimise
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigWarning
+from rattlesweep.words.errors import ConfigWarning
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,9 +14,9 @@ from rattlesweep.analysis.fit.doubts import MEANINGLESS
 from rattlesweep.analysis.fit.estimate import Estimate
 from rattlesweep.analysis.fit.problem import FITTABLE
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError, not_one_of
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.text import align
+from rattlesweep.system.console import align
+from rattlesweep.words.errors import ConfigError, not_one_of
 
 if TYPE_CHECKING:
     import pandas as pd

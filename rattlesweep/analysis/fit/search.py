@@ -31,9 +31,9 @@ from rattlesweep.analysis.fit.series import FILM_STEPS, searches_of_series
 from rattlesweep.analysis.fit.starts import first_values, given, scales_of, spans
 from rattlesweep.arrays import Floats
 from rattlesweep.design.single import Launch
-from rattlesweep.errors import ConfigError, not_one_of
-from rattlesweep.quantities import LOSSES
-from rattlesweep.text import counted
+from rattlesweep.system.console import counted
+from rattlesweep.words.errors import ConfigError, not_one_of
+from rattlesweep.words.quantities import LOSSES
 
 # Times of reversals are fitted to a run that is longer than the last of them.
 _LONGER = 1.5
@@ -42,7 +42,7 @@ MOST_DESCENTS = 3
 LOWER = -0.02
 BENT = 2.5  # factor by which chi squared rises more or less than a parabola
 # Standard errors by which the other parameters of a flat valley change along it.
-FLAT = 3.0
+FLAT_VALLEY = 3.0
 USUAL_STEPS = 60  # of all searches of a fit
 
 
@@ -223,7 +223,9 @@ def _doubts_of_valley(
     rivals = [
         rival
         for rival in rivals_of(estimate, searches)
-        if (np.abs(rival.x - estimate.x) > FLAT * estimate.standard_errors)[~flat].any()
+        if (np.abs(rival.x - estimate.x) > FLAT_VALLEY * estimate.standard_errors)[
+            ~flat
+        ].any()
     ]
     if rivals:
         rival = rivals[0]

@@ -30,7 +30,7 @@ from rattlesweep.design.tables import (
     read_table,
     table_file,
 )
-from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.words.errors import ConfigError, one_line
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,7 +9,7 @@ from rattlesweep.analysis.fit.measured import Prior
 from rattlesweep.analysis.fit.problem import OF_BODY, SIZES, FitProblem
 from rattlesweep.arrays import Floats
 from rattlesweep.physics.theory import modes
-from rattlesweep.quantities import DAMPING, LOSSES
+from rattlesweep.words.quantities import DAMPING, LOSSES
 
 # A spin that is given is no better than that of the first rows if they differ by more.
 SPINS_APART = 0.03

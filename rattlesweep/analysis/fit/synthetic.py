@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rattlesweep.analysis.fit.problem import follow_quantity
-from rattlesweep.errors import ConfigError
-from rattlesweep.units import quantity
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.units import quantity
 
 if TYPE_CHECKING:
     import pandas as pd

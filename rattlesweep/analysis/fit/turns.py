@@ -10,15 +10,15 @@ from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
 from rattlesweep.design.batches import full_batch
 from rattlesweep.design.bodies.table import OMEGA, TableBodies, U, launched_from
-from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.models import model_of
+from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.design.single import Launch, directions, plan_of_rows
-from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
-from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import METHODS, TOL
+from rattlesweep.kernel.batch import integrate
+from rattlesweep.kernel.method.tableau import METHODS, TOL
+from rattlesweep.kernel.runs import MOST_REVERSALS
+from rattlesweep.kernel.state.status import Status
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.words.errors import ConfigError
 
 UP = (0.0, 0.0, -1.0)  # the vertical along the axes of an upright body
 

@@ -12,23 +12,23 @@ import numpy as np
 
 from rattlesweep.analysis.derived import si_of
 from rattlesweep.arrays import Flags, Floats
-from rattlesweep.errors import ConfigError, not_one_of
-from rattlesweep.integrate.lanes.lane import SLIP_ANGLE, SLIP_SPEED, SLIP_WORK
+from rattlesweep.kernel.state.fields import SLIP_ANGLE, SLIP_SPEED, SLIP_WORK
 from rattlesweep.motion.chart import ANYWHERE
 from rattlesweep.motion.rotations import HEADING, PLACE, QUATERNION
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.full import quaternion
 from rattlesweep.physics.readings import (
     Shape,
-    contact_point,
     mode_energies,
+    placed_contact,
 )
-from rattlesweep.quantities import ENERGY, FORCE, LENGTH, RATE, SPEED, TIME
+from rattlesweep.words.errors import ConfigError, not_one_of
+from rattlesweep.words.quantities import ENERGY, FORCE, LENGTH, RATE, SPEED, TIME
 
 if TYPE_CHECKING:
-    from rattlesweep.design.prepared import Launches
-    from rattlesweep.integrate.follow import Follower, Samples
+    from rattlesweep.kernel.follow import Follower, Samples
     from rattlesweep.physics.si import Units
+    from rattlesweep.rows.launches import Launches
 
 _FULL = ("full",)
 BOTH = ("full", "reduced")
@@ -111,7 +111,7 @@ class View:
         """The contact point from the centre of mass, shape (3, times)."""
         constants = self.follower.constants
         shape = Shape(*(constants[name] for name in Shape._fields if name in constants))
-        point = contact_point(*self.slopes, shape)
+        point = placed_contact(*self.slopes, shape)
         if not self.is_anywhere:
             return point
         # An ellipsoid upside down stands on the opposite point, seen from its centre.

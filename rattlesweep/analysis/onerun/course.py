@@ -26,32 +26,32 @@ from rattlesweep.analysis.onerun.channels import (
 )
 from rattlesweep.analysis.onerun.section import RISES, CrossingSearch, Section
 from rattlesweep.arrays import Flags, Floats, take
-from rattlesweep.defaults import LEAST_ROWS, ROWS_A_PERIOD
-from rattlesweep.design import columns
 from rattlesweep.design.batches import make_batch, reduced_batch, with_energies
-from rattlesweep.design.columns import build_table
-from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.models import model_of
+from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.design.single import Launch, plan_of
-from rattlesweep.errors import ConfigError
-from rattlesweep.files import streamed_file
-from rattlesweep.integrate.batch import longest_frame_steps
-from rattlesweep.integrate.follow import NORMAL_MIN, RATIO_MAX, Follower, Samples
-from rattlesweep.integrate.lanes.lane import SLIP_SPEED, SLIP_WORK
-from rattlesweep.integrate.tableau import DOP853, METHODS, TOL
+from rattlesweep.kernel.batch import longest_frame_steps
+from rattlesweep.kernel.follow import NORMAL_MIN, RATIO_MAX, Follower, Samples
+from rattlesweep.kernel.method.tableau import DOP853, METHODS, TOL
+from rattlesweep.kernel.state.fields import SLIP_SPEED, SLIP_WORK
 from rattlesweep.motion.model import REDUCED
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.quantities import LOSSES, TIME
-from rattlesweep.text import counted
+from rattlesweep.rows import arrow
+from rattlesweep.rows.arrow import build_table
+from rattlesweep.system.console import counted
+from rattlesweep.system.files import streamed_file
+from rattlesweep.words.defaults import LEAST_ROWS, ROWS_A_PERIOD
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.quantities import LOSSES, TIME
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from rattlesweep.design.config.schema import Config
-    from rattlesweep.design.prepared import Launches
-    from rattlesweep.integrate.batch import Batch
+    from rattlesweep.config.schema import Config
+    from rattlesweep.kernel.outcome import Batch
     from rattlesweep.physics.mesh.pose import MeshPose
     from rattlesweep.physics.si import Units
+    from rattlesweep.rows.launches import Launches
 
 # Columns of rows by name: numbers, and flags of a section.
 Columns: TypeAlias = "dict[str, NDArray[Any]]"
@@ -567,11 +567,10 @@ def _schema(course: Course) -> pa.Schema:
         "integrator": run.integrator,
     }
     fields = [
-        columns.field(c.name, columns.F64, c.unit, c.description)
-        for c in course.channels
+        arrow.field(c.name, arrow.F64, c.unit, c.description) for c in course.channels
     ]
     if course.section is not None:
         meaning = RISES.format(course.section.channel.name)
-        fields.append(columns.field("rising", columns.FLAG, "1", meaning))
+        fields.append(arrow.field("rising", arrow.FLAG, "1", meaning))
         about["section"] = course.section.text
     return pa.schema(fields, metadata={"rattlesweep.run": json.dumps(about)})

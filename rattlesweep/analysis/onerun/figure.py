@@ -13,9 +13,9 @@ from rattlesweep.analysis.onerun.channels import CHANNELS
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.style import BLUE, GREY, INK, VERMILION, curve
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError
-from rattlesweep.files import as_path
-from rattlesweep.text import counted
+from rattlesweep.system.console import counted
+from rattlesweep.system.files import as_path
+from rattlesweep.words.errors import ConfigError
 
 # Rows in a period of the pitch, and the fewest and the most in all.
 _PER_PERIOD = 24

@@ -16,10 +16,10 @@ from rattlesweep.analysis import style
 from rattlesweep.analysis.derived import DerivedQuantity
 from rattlesweep.analysis.style import BLUE, GREY, INK, VERMILION
 from rattlesweep.arrays import Floats
-from rattlesweep.defaults import MESH_UNIT
 from rattlesweep.physics.mesh.reading import read_solid, read_standing
 from rattlesweep.physics.mesh.solid import Solid
 from rattlesweep.physics.mesh.standing import Standing
+from rattlesweep.words.defaults import MESH_UNIT
 
 # Views: name, the two axes of the mesh at rest that are seen, labels, and the sign of
 # the third one, on which the viewer is.

@@ -13,13 +13,13 @@ from rattlesweep.analysis.onerun.course import PreparedRun
 from rattlesweep.analysis.where import parse_where
 from rattlesweep.arrays import take
 from rattlesweep.design.batches import make_batch
-from rattlesweep.design.launches import prepare_launches
 from rattlesweep.design.plan import Plan
-from rattlesweep.design.prepared import Launches
-from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.physics.si import Units
+from rattlesweep.rows.launches import Launches
 from rattlesweep.store.manifest import stored_plan
 from rattlesweep.store.rows import Stored, keys_of, open_stored
+from rattlesweep.words.errors import ConfigError, OutputError
 from rattlesweep.work.verify import differing_rows
 
 MOST_NAMED = 6  # columns that a message names

@@ -20,13 +20,13 @@ from scipy.optimize.elementwise import find_root
 
 from rattlesweep.analysis.onerun.channels import Channel, choose_channels
 from rattlesweep.arrays import Flags, Floats, take
-from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.integrate.lanes.events import PIECE_ANGLE
-from rattlesweep.integrate.lanes.lane import SLIP_SPEED
-from rattlesweep.units import NATURAL, natural_number, quantity, require_unit
+from rattlesweep.kernel.event.zeros import PIECE_ANGLE
+from rattlesweep.kernel.state.fields import SLIP_SPEED
+from rattlesweep.words.errors import ConfigError, one_line
+from rattlesweep.words.units import NATURAL, natural_number, quantity, require_unit
 
 if TYPE_CHECKING:
-    from rattlesweep.integrate.follow import Follower, Samples
+    from rattlesweep.kernel.follow import Follower, Samples
     from rattlesweep.physics.si import Units
 
 # A run may swing faster than at its launch, so a step has at least a few pieces.

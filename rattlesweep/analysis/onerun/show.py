@@ -20,9 +20,9 @@ import numpy as np
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.onerun.solids import solid_of_page
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.defaults import FRAMES_A_PERIOD
-from rattlesweep.errors import ConfigError
-from rattlesweep.quantities import RATE, TIME
+from rattlesweep.words.defaults import FRAMES_A_PERIOD
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.quantities import RATE, TIME
 
 _COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r", "energy")
 _CHANNELS = ("t", *_COLUMNS, "contact_z")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.errors import ConfigError
-from rattlesweep.files import reason
 from rattlesweep.physics.mesh.pose import MeshPose
 from rattlesweep.physics.mesh.reading import read_solid
 from rattlesweep.physics.mesh.thinning import with_fewer_faces
+from rattlesweep.system.files import reason
+from rattlesweep.words.errors import ConfigError
 
 MOST_TRIANGLES = 12_000  # 200 kB of a page
 

@@ -9,7 +9,7 @@ from rattlesweep.analysis.plots.maps import Map, Regimes
 from rattlesweep.analysis.plots.picture import MOST_PANELS, SIDE, Picture
 from rattlesweep.analysis.plots.scatter import Scatter
 from rattlesweep.analysis.plots.times import Times
-from rattlesweep.errors import ConfigError
+from rattlesweep.words.errors import ConfigError
 
 FIGURE_KINDS: dict[str, type[Picture]] = {
     "fractions": Fractions,

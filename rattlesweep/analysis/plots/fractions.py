@@ -26,7 +26,7 @@ from rattlesweep.analysis.plots.picture import (
 from rattlesweep.analysis.shares import Points, fractions_of, read_points
 from rattlesweep.analysis.style import TYPE_STYLE, label
 from rattlesweep.arrays import Floats
-from rattlesweep.intervals import share, wilson
+from rattlesweep.statistics.intervals import share, wilson
 
 _FEW = 6  # with fewer values than this, each value of an abscissa has a tick
 _STABLE = "stable by Bondi's threshold"

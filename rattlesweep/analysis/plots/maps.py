@@ -26,7 +26,7 @@ from rattlesweep.analysis.plots.picture import (
 )
 from rattlesweep.analysis.style import REGIME_STYLE, TYPE_STYLE, LabelLook, label
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError
+from rattlesweep.words.errors import ConfigError
 
 _ENDS = (0.5, 99.5)  # percentiles at which the colour scale ends
 MOST_DRAWN = 1200  # values along a side; a panel has fewer pixels

@@ -18,12 +18,12 @@ from rattlesweep.analysis import style
 from rattlesweep.analysis.layout import LAUNCH_COLUMNS, Axis, SweepLayout
 from rattlesweep.analysis.style import label, value_text
 from rattlesweep.arrays import Floats
-from rattlesweep.design.columns import floats
-from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.intervals import share
-from rattlesweep.names import REGIMES
+from rattlesweep.rows.arrow import floats
+from rattlesweep.rows.types import codes
+from rattlesweep.statistics.intervals import share
 from rattlesweep.store.summary import Counts
-from rattlesweep.store.types import codes
+from rattlesweep.words.errors import ConfigError, OutputError
+from rattlesweep.words.names import REGIMES
 
 MOST_PANELS = 40
 LEAST_TITLED = 0.9  # inches of a panel that has room for a title

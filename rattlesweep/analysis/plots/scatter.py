@@ -17,7 +17,7 @@ from rattlesweep.analysis.plots.picture import (
 )
 from rattlesweep.analysis.style import THEORY, label
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError
+from rattlesweep.words.errors import ConfigError
 
 
 class Scatter(Picture):

@@ -5,7 +5,7 @@ from typing import Protocol
 import pyarrow as pa
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.design.prepared import Bodies
+from rattlesweep.rows.launches import Bodies
 
 
 class Source(Protocol):

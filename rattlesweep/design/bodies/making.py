@@ -5,11 +5,11 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from inspect import signature
 
-from rattlesweep.errors import ConfigError, not_one_of
-from rattlesweep.files import as_path
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
-from rattlesweep.quantities import ANGLES
-from rattlesweep.units import require_unit
+from rattlesweep.system.files import as_path
+from rattlesweep.words.errors import ConfigError, not_one_of
+from rattlesweep.words.quantities import ANGLES
+from rattlesweep.words.units import require_unit
 
 # Kinds of the keys of bodies with a size.
 SIZE_KINDS = {

@@ -12,15 +12,15 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers, take
+from rattlesweep.config.body_sources import MeshSource
 from rattlesweep.design.bodies.table import run_fields
-from rattlesweep.design.config.schema import MeshSource
-from rattlesweep.design.prepared import Bodies
-from rattlesweep.errors import ConfigError
-from rattlesweep.files import as_path, reason
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.mesh.doubts import doubts_of
 from rattlesweep.physics.mesh.reading import read_standing
 from rattlesweep.physics.si import Units
+from rattlesweep.rows.launches import Bodies
+from rattlesweep.system.files import as_path, reason
+from rattlesweep.words.errors import ConfigError
 
 
 @dataclass(frozen=True)

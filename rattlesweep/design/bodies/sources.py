@@ -27,12 +27,8 @@ from numba import njit
 from numba.extending import register_jitable
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.design.bodies import Source
-from rattlesweep.design.bodies.meshes import read_meshes
-from rattlesweep.design.bodies.table import TableBodies, read_bodies, run_fields
-from rattlesweep.design.columns import MEASURED
-from rattlesweep.design.config.schema import (
-    Config,
+from rattlesweep.compiling.loading import Kernel, load_kernels
+from rattlesweep.config.body_sources import (
     GridSource,
     MeshSource,
     PresetSource,
@@ -42,15 +38,19 @@ from rattlesweep.design.config.schema import (
     Target,
     of_preset,
 )
-from rattlesweep.design.prepared import Bodies
-from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.compile import Kernel, load_kernels
-from rattlesweep.integrate.task import Control, side_by_side
+from rattlesweep.config.schema import Config
+from rattlesweep.design.bodies import Source
+from rattlesweep.design.bodies.meshes import read_meshes
+from rattlesweep.design.bodies.table import TableBodies, read_bodies, run_fields
+from rattlesweep.kernel.task import Control, side_by_side
+from rattlesweep.kernel.threads import available_threads
 from rattlesweep.physics import body, si, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.physics.si import half_ellipsoid
-from rattlesweep.quantities import ANGLES, CONSTANT_OF_SURFACE, SURFACE_CONSTANTS
+from rattlesweep.rows.columns import MEASURED
+from rattlesweep.rows.launches import Bodies
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.quantities import ANGLES, CONSTANT_OF_SURFACE, SURFACE_CONSTANTS
 
 # Units of the sizes of a shape in the names of columns.
 _SIZES = {

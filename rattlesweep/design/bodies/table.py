@@ -22,26 +22,20 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import EXACT_WHOLE, Flags, Floats, Integers, take
-from rattlesweep.design.columns import (
-    F64,
-    I64,
-    MEASURED,
-    RUN_FIELDS,
-    STATE_FIELDS,
-    TEXT,
-    field,
-)
-from rattlesweep.design.config.schema import FROM_TABLE, TableSource
-from rattlesweep.design.config.values import AT_REST, NO_UNIT_VECTOR, normalised
-from rattlesweep.design.prepared import Bodies
+from rattlesweep.config.body_sources import TableSource
+from rattlesweep.config.keys import FROM_TABLE
+from rattlesweep.config.values import AT_REST, NO_UNIT_VECTOR, normalised
 from rattlesweep.design.tables import read_table, unreadable
-from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.files import as_path
 from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, shell_dumbbell, violations
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
-from rattlesweep.quantities import (
+from rattlesweep.rows.arrow import F64, I64, TEXT, field
+from rattlesweep.rows.columns import MEASURED, RUN_FIELDS, STATE_FIELDS
+from rattlesweep.rows.launches import Bodies
+from rattlesweep.system.files import as_path
+from rattlesweep.words.errors import ConfigError, one_line
+from rattlesweep.words.quantities import (
     CONSTANT_OF_SURFACE,
     INITIAL_RATES,
     LOSSES,
@@ -49,7 +43,7 @@ from rattlesweep.quantities import (
     QUANTITIES,
     SURFACE_CONSTANTS,
 )
-from rattlesweep.units import NATURAL
+from rattlesweep.words.units import NATURAL
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import BinaryIO
 from zipfile import BadZipFile, ZipFile, ZipInfo
 
-MOST_FILES = 10_000
+MOST_PACKED = 10_000
 MOST_BYTES = 512 * 2**20  # unpacked, of all files
 _PIECE = 2**20
 
@@ -23,9 +23,9 @@ class Archive:
                 "short, or another file with this ending"
             ) from None
         entries = self._archive.infolist()
-        if len(entries) > MOST_FILES:
+        if len(entries) > MOST_PACKED:
             raise ValueError(
-                f"the archive has {len(entries):,} files, and at most {MOST_FILES:,} "
+                f"the archive has {len(entries):,} files, and at most {MOST_PACKED:,} "
                 "are read; export the stone alone"
             )
         size = sum(entry.file_size for entry in entries)

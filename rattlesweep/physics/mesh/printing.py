@@ -6,11 +6,11 @@ import io
 import math
 from pathlib import Path
 
-from rattlesweep.files import replace_file
 from rattlesweep.physics import si
 from rattlesweep.physics.mesh.reading import import_trimesh, read_standing
 from rattlesweep.physics.mesh.solid import Solid
 from rattlesweep.physics.mesh.standing import Standing
+from rattlesweep.system.files import replace_file
 
 
 def write(solid: Solid, path: Path) -> Standing:

@@ -15,18 +15,18 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.defaults import MESH_UNIT
-from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.files import as_path, open_regular, reason
 from rattlesweep.physics import si
 from rattlesweep.physics.mesh.shells import one_piece
 from rattlesweep.physics.mesh.solid import Solid
 from rattlesweep.physics.mesh.standing import Standing, stand
 from rattlesweep.physics.mesh.stl import read_stl
 from rattlesweep.physics.mesh.threemf import read_3mf
-from rattlesweep.units import quantities, quantity
+from rattlesweep.system.files import as_path, open_regular, reason
+from rattlesweep.words.defaults import MESH_UNIT
+from rattlesweep.words.errors import ConfigError, one_line
+from rattlesweep.words.units import quantities, quantity
 
-FORMATS = (".stl", ".obj", ".ply", ".3mf")
+MESH_FORMATS = (".stl", ".obj", ".ply", ".3mf")
 USUAL_SIZES = 1e-3, 3.0  # of the longest side in m
 # A number for a place that is this share of the mesh may be in m instead of its unit.
 TINY_PLACE = 2e-3
@@ -105,10 +105,10 @@ def require_trimesh() -> None:
 def _solid(place: Path, scale: float, unit: str, state: tuple[int, int]) -> Solid:
     """Return the solid of a file, which has not changed if its `state` is the same."""
     kind = place.suffix.lower()
-    if kind not in FORMATS:
+    if kind not in MESH_FORMATS:
         raise ValueError(
             f"{kind or 'a name without an ending'} is no format of a mesh that is "
-            f"read; give one of {', '.join(FORMATS)}"
+            f"read; give one of {', '.join(MESH_FORMATS)}"
         )
     # One rule for all formats, also for the one that NumPy reads.
     require_trimesh()

@@ -12,8 +12,8 @@ from scipy.optimize import brentq
 from scipy.spatial import Delaunay
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.defaults import FINENESS
 from rattlesweep.physics.mesh.solid import Solid
+from rattlesweep.words.defaults import FINENESS
 
 POCKET_CORNERS = 96
 LEAST_WALL = 0.4e-3  # around a pocket, in m: one line of a printer

@@ -18,14 +18,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.errors import ConfigError
 from rattlesweep.physics.mesh.solid import Solid, edge_keys, wrong_edges
+from rattlesweep.words.errors import ConfigError
 
 # Shells in single precision that touch may overlap by a rounding of a place.
-ROUNDING = 1e-6  # of the volume
+SHELL_ROUNDING = 1e-6  # of the volume
 INSIDE = 1e-3  # of a shell, that may reach out of the one around it
-FLAT = 1e-9  # of the volume; a shell below it has none
-APART = 0.01  # of the longest side, between shells of two bodies
+FLAT_SHELL = 1e-9  # of the volume; a shell below it has none
+SHELLS_APART = 0.01  # of the longest side, between shells of two bodies
 # Beyond so many shells, boxes alone tell how far they are apart.
 MOST_SHELLS = 200
 
@@ -87,7 +87,7 @@ def one_piece(solid: Solid) -> Solid:
     twice = 0.0
     for group in _groups(shells):
         excess = _counted_twice(group)
-        if excess > ROUNDING * solid.volume:
+        if excess > SHELL_ROUNDING * solid.volume:
             twice += excess
     if twice:
         raise ValueError(
@@ -223,7 +223,7 @@ def _counted_twice(shells: list[Shell]) -> float:
     A cavity is cut out of the smallest shell around it.
     """
     # A sheet that is stored from both sides encloses nothing.
-    least = FLAT * max(abs(shell.volume) for shell in shells)
+    least = FLAT_SHELL * max(abs(shell.volume) for shell in shells)
     solids = [shell for shell in shells if shell.volume > least]
     cavities = [shell for shell in shells if shell.volume < -least]
     if len(solids) < 2 and not cavities:
@@ -275,7 +275,7 @@ def _around(cavity: Shell, solids: Sequence[Shell]) -> list[int]:
 
 def _check_apart(shells: Sequence[Shell], longest: float) -> None:
     """Raise a ValueError if shells are two bodies, which do not even touch."""
-    gap = APART * longest
+    gap = SHELLS_APART * longest
     first, second = _near(shells, gap)
     label = _joined(len(shells), first, second)
     if len(shells) <= MOST_SHELLS and find_spec("manifold3d") is not None:
@@ -287,7 +287,7 @@ def _check_apart(shells: Sequence[Shell], longest: float) -> None:
                 label[label == label[other]] = label[one]
     volumes = np.bincount(label, weights=[shell.volume for shell in shells])
     # Specks and crumbs are no bodies.
-    volumes = np.sort(volumes[volumes > APART * volumes.sum()])[::-1]
+    volumes = np.sort(volumes[volumes > SHELLS_APART * volumes.sum()])[::-1]
     if len(volumes) < 2:
         return
     listed = ", ".join(f"{volume * 1e6:.4g}" for volume in volumes[:4])

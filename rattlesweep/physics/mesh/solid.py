@@ -17,7 +17,7 @@ MERGED = 2.0**-20
 # The flat side, in shares of the longest side of the mesh.
 SAME_PLANE = 2e-4  # between normals, and heights, of triangles in one plane
 LEAST_OF_PLANE = np.array([-1.0, -1.0, -1.0, -4.0])  # of a normal and a height
-FLAT = 1e-4  # of what lies in a plane
+FLAT_SIDE = 1e-4  # of what lies in a plane
 LINE = 1e-6  # a side that is not wider is a line
 LEAST_SIDE = 1 / 3  # of the rectangle of the two longest sides
 MOST_SIDES = 24  # planes that are looked at, the largest first
@@ -150,9 +150,9 @@ class Solid:
         for plane in np.argsort(area_of)[::-1][:MOST_SIDES]:
             normal = normals[first[plane]]
             along = (self.vertices - middle_of_all) @ normal
-            if along.max() - heights[first[plane]] > FLAT * longest:
+            if along.max() - heights[first[plane]] > FLAT_SIDE * longest:
                 continue  # something of the mesh is above it
-            outline = self.vertices[along >= along.max() - FLAT * longest]
+            outline = self.vertices[along >= along.max() - FLAT_SIDE * longest]
             flat = (outline - outline[0]) @ basis(normal)[:2].T
             is_line = np.linalg.matrix_rank(flat, LINE * longest) < 2
             if len(flat) < 3 or is_line:

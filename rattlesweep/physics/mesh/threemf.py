@@ -21,15 +21,15 @@ from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser
 import numpy as np
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.errors import one_line
 from rattlesweep.physics.mesh.archive import Archive
 from rattlesweep.physics.mesh.shells import without
 from rattlesweep.physics.mesh.solid import Solid
-from rattlesweep.units import quantity
+from rattlesweep.words.errors import one_line
+from rattlesweep.words.units import quantity
 
 MOST_DEPTH = 32  # of components in components
 MOST_COMPONENTS = 10_000
-MOST_TRIANGLES = 20_000_000
+MOST_FACETS = 20_000_000
 # Extensions that leave the solid as its meshes say.
 _HARMLESS = ("production", "material", "trianglesets", "slice")
 _ROOT = "3D/3dmodel.model"
@@ -351,9 +351,9 @@ class _Reader:
     ) -> Iterator[Piece]:
         """Yield the mesh of an object, or the parts of it that notes tell."""
         self.n_triangles += len(resource.corners)
-        if self.n_triangles > MOST_TRIANGLES:
+        if self.n_triangles > MOST_FACETS:
             raise ValueError(
-                f"it has more than {MOST_TRIANGLES:,} triangles; export a coarser mesh"
+                f"it has more than {MOST_FACETS:,} triangles; export a coarser mesh"
             )
         vertices = np.array(resource.places, float).reshape(-1, 3)
         faces = np.array(resource.corners, np.int64).reshape(-1, 3)

@@ -1,0 +1,1 @@
+"""Compiled code: operations that Numba lacks, and the cache of kernels."""

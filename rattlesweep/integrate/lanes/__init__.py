@@ -1,1 +1,0 @@
-"""The lane kernel: many runs at once, each with its own step."""

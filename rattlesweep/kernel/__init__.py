@@ -1,0 +1,1 @@
+"""How runs are integrated: lanes, steps, searches, modes, batches."""

@@ -1,0 +1,1 @@
+"""Events: which steps may hold one, and searches for zeros, peaks and marks."""

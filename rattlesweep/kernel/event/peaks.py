@@ -1,0 +1,212 @@
+"""Peaks and marks within a step, found with shorter steps of the method."""
+
+# mypy: disable-error-code="no-any-return"
+
+from numba import njit
+
+from rattlesweep.compiling.intrinsics import INNER
+from rattlesweep.kernel.event.zeros import (
+    FIRST_EXTREME,
+    FIRST_MARK,
+    HOLD,
+    N_FUNCTIONS,
+    SPIN,
+    _polish,
+    _secant,
+)
+from rattlesweep.kernel.look.extremes import (
+    keep_of,
+    peak_of,
+    scale_of,
+    tried_of,
+)
+from rattlesweep.kernel.look.marks import value_of
+from rattlesweep.kernel.state.fields import PEAK, RETAKE, STEP, Point
+from rattlesweep.kernel.state.lane import Lane
+from rattlesweep.physics.full import scalar
+
+# Newton's method ends where a peak is higher than the point tried by less than this
+# share, which is added; and it is added where it is so small that it is right.
+NO_RISE = 1e-9
+SMALL_RISE = 1e-5
+MAX_PEAK_TRIES = 8.0
+
+
+# Extremes.
+
+
+@njit(**INNER)
+def search_peaks(lane: Lane) -> int:
+    """Make one move of the search for extremes in a step that is to be taken.
+
+    The first move follows the try of that step, the last one its repetition.
+    """
+    if lane.search == PEAK:
+        if not (_try_mark(lane) if lane.searched >= FIRST_MARK else _climb(lane)):
+            # The step to take is tried again, since its end has been overwritten.
+            lane.search = RETAKE
+            lane.h_next = lane.full.h
+        return HOLD
+    if lane.search == RETAKE:
+        lane.searched += 1.0
+        lane.h_next = lane.full_next
+    else:
+        lane.searched = FIRST_EXTREME
+        lane.full = Point(lane.h, 0.0, 0.0)
+        lane.full_next = lane.h_next
+    while lane.searched < N_FUNCTIONS:
+        if lane.searched >= FIRST_MARK:
+            if _bracket_mark(lane):
+                return HOLD
+        elif _bracket_peak(lane):
+            return HOLD
+        lane.searched += 1.0
+    lane.searched = SPIN
+    lane.search = STEP
+    return int(lane.move)
+
+
+@njit(**INNER)
+def _bracket_peak(lane: Lane) -> bool:
+    """Set the first point to try if the step may hold a new extreme."""
+    peak = peak_of(int(lane.searched) - FIRST_EXTREME, lane)
+    if not 0.0 < peak.h < lane.full.h:
+        return False
+    lane.search = PEAK
+    lane.tries = 0.0
+    lane.bend = peak.bend
+    lane.h_next = peak.h
+    return True
+
+
+@njit(**INNER)
+def _climb(lane: Lane) -> bool:
+    """Keep the point just tried; return whether there is a next one, nearer the top."""
+    k = int(lane.searched) - FIRST_EXTREME
+    tried = tried_of(k, lane)
+    if lane.tries == 0.0:
+        lane.bend /= scale_of(k, lane)
+    rise = _rise_to_top(lane, tried)
+    value = tried.value
+    if rise < SMALL_RISE * abs(value):
+        value += rise
+    keep_of(k, lane, value)
+    return rise > NO_RISE * abs(value) and _approach_top(lane, tried)
+
+
+@njit(**INNER)
+def _rise_to_top(lane: Lane, tried: Point) -> float:
+    """Return by how much the peak is higher than the point just tried.
+
+    The rates at two points tell how the function bends.
+    """
+    before = lane.lo
+    if lane.tries > 0.0:
+        bend = (tried.rate - before.rate) / (tried.h - before.h)
+        lane.bend = min(bend, 0.1 * lane.bend)
+    lane.lo = tried
+    return -0.5 * tried.rate * tried.rate / lane.bend
+
+
+@njit(**INNER)
+def _approach_top(lane: Lane, tried: Point) -> bool:
+    """Set the next point to try by Newton's method; return whether there is one."""
+    lane.tries += 1.0
+    h = tried.h - tried.rate / lane.bend
+    lane.h_next = h
+    inside = 0.0 < h < lane.full.h
+    moves = abs(h - tried.h) > 1e-12 * lane.full.h
+    return inside and moves and lane.tries < MAX_PEAK_TRIES
+
+
+# Marks.
+
+
+@scalar
+def mark_points(lane, k):  # type: ignore[no-untyped-def]
+    """Return the mark ``k`` at both ends of the step just tried."""
+    value, rate = value_of(k, lane.n0, lane.rate0, lane.n_launch)
+    end, end_rate = value_of(k, lane.n1, lane.rate1, lane.n_launch)
+    return Point(0.0, value, rate), Point(lane.h, end, end_rate)
+
+
+@njit(**INNER)
+def _bracket_mark(lane: Lane) -> bool:
+    """Set the first point to try if the step may hold the mark that is searched."""
+    k = int(lane.searched) - FIRST_MARK
+    if (int(lane.marks_due) >> k) % 2 == 0:
+        return False
+    lane.lo, lane.hi = mark_points(lane, k)
+    lane.tries = 0.0
+    if _look_at_dip(lane):
+        return True
+    if lane.hi.value > 0.0:
+        # The step ends earlier than the one that was observed.
+        return False
+    lane.search = PEAK
+    lane.h_next = _secant(lane)
+    return True
+
+
+@njit(**INNER)
+def _look_at_dip(lane: Lane) -> bool:
+    """Set a point to try where the mark may be negative, before the point tried."""
+    dip = lane.mark_peak
+    lane.looks = 0.0
+    if not 0.0 < dip.h < lane.h:
+        return False
+    lane.looks = 1.0
+    lane.tries = 0.0
+    lane.bend = -dip.bend
+    lane.search = PEAK
+    lane.h_next = dip.h
+    return True
+
+
+@njit(**INNER)
+def _try_mark(lane: Lane) -> bool:
+    """Narrow LO..HI by the point just tried; return whether there is a next one.
+
+    Note the mark once it is found.
+    """
+    k = int(lane.searched) - FIRST_MARK
+    _, tried = mark_points(lane, k)
+    if lane.looks > 0.0:
+        return _look_on(lane, tried)
+    if _polish(lane, tried) == HOLD:
+        return True
+    lane.mark_found = k + 1.0
+    lane.t_mark = lane.t + (lane.h - lane.t_low)
+    return False
+
+
+@njit(**INNER)
+def _look_on(lane: Lane, tried: Point) -> bool:
+    """Set the next point after one at a dip; return whether there is one."""
+    if tried.value <= 0.0:
+        lane.hi = tried
+        # The step just tried may itself have a dip.
+        if not _look_at_dip(lane):
+            lane.tries = 0.0
+            lane.h_next = _secant(lane)
+        return True
+    before = lane.end
+    lane.end = tried
+    if lane.tries > 0.0:
+        bend = (tried.rate - before.rate) / (tried.h - before.h)
+        lane.bend = max(bend, 0.1 * lane.bend)
+    least = tried.value - 0.5 * tried.rate * tried.rate / lane.bend
+    h = tried.h - tried.rate / lane.bend
+    lane.tries += 1.0
+    is_near = least <= SMALL_RISE * tried.value and lane.tries < MAX_PEAK_TRIES
+    if is_near and 0.0 < h < lane.full.h and h != tried.h:
+        lane.h_next = h
+        return True
+    # There is no zero in this dip.
+    lane.looks = 0.0
+    if lane.hi.value > 0.0 or lane.hi.h < tried.h:
+        return False
+    lane.lo = tried
+    lane.tries = 0.0
+    lane.h_next = _secant(lane)
+    return True

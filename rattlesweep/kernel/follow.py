@@ -1,0 +1,606 @@
+"""One run followed past its reversals: accepted steps, states at any times, zeros.
+
+:func:`record_steps` runs the sweep's kernel with one run in one lane, so that accepted
+steps and the first reversal have the same bits as in a sweep; but it stores every
+accepted step, and does not end the run at a reversal.  :func:`states_after` computes
+states at any times, each by one step of the method from the accepted step before it, so
+that no accepted step depends on them.
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple, Self, cast
+
+import numpy as np
+
+from rattlesweep.arrays import Floats, Integers
+from rattlesweep.compiling.intrinsics import call, first_of, widest_vectors
+from rattlesweep.compiling.loading import Kernel, Order, load_kernels
+from rattlesweep.kernel import batch as batches
+from rattlesweep.kernel import recipes, runs, turn
+from rattlesweep.kernel.event.zeros import HOLD
+from rattlesweep.kernel.method.tableau import DT, MAX_STEPS, TOL, Tableau
+from rattlesweep.kernel.mode import pivots
+from rattlesweep.kernel.outcome import Batch
+from rattlesweep.kernel.state.fields import N_SLIP, NEVER, ROLLING, SCAN, SLIDING, Slip
+from rattlesweep.kernel.state.lane import lane_of
+from rattlesweep.kernel.state.status import Status
+from rattlesweep.kernel.state.statuses import OK
+from rattlesweep.motion import rotations
+from rattlesweep.motion.chart import ANYWHERE
+from rattlesweep.motion.model import Model, find_model
+
+STEPS_PER_CALL = 2048  # a few milliseconds, after which Python can act on Ctrl-C
+MOST_ZEROS = 256  # in a call
+CALLS_AHEAD = 100  # calls whose steps are kept for later, a few hundred kB each
+# Columns of a stored step: time, its low part, sense of the spin from there on, then
+# the state, its derivative and slip.
+T, T_LOW, SENSE, STATE = range(4)
+# Columns of ``extremes``: the largest ratio of the contact forces, the least normal
+# force.
+RATIO_MAX, NORMAL_MIN = 0, 1
+
+
+class StoredSteps(NamedTuple):
+    """How far a call of :func:`record_steps` has come."""
+
+    rows: int  # of the tables
+    zeros: int
+    turns: int
+    ended: bool
+    status: int
+    energy_0: float  # at launch
+    energy: float  # in the last row
+
+
+def record_steps(
+    problem,
+    parts,
+    w,
+    inputs,
+    options,
+    recording,
+    begins,
+    steps,
+    extremes,
+    zeros,
+    turns,
+):
+    """Begin or continue the run until the tables are full or it ends at its horizon.
+
+    The arguments up to ``options`` are those of the kernel's ``work`` for one run,
+    which stays in the workspace between calls.  ``recording`` is that of reversals and
+    perhaps of the contact.  The tables are ``steps``, where the run is and then the
+    ends of accepted steps; the ``extremes`` of the contact until then, if they are
+    recorded; times of ``zeros``; and times of ``turns``, which are reversals.
+    """
+    widest_vectors()
+    max_steps = options.most_steps
+    lane = lane_of(problem, w, 0)
+    if begins:
+        runs.start(lane, 0, inputs)
+        lane.next = NEVER  # no window ends
+        if lane.arm > 0.0:
+            # All zeros are searched from the launch on, also those that do not count.
+            lane.arm = 0.0
+            lane.sign = 1.0 if lane.rate0 > 0.0 else -1.0
+            lane.rate_max = lane.arm_rate
+        for l in range(1, problem.lanes):
+            runs.idle(lane_of(problem, w, l))
+    row = 0
+    n_zeros = 0
+    n_turns = 0
+    status = OK
+    accepted = True
+    last = False
+    ended = False
+    while True:
+        if accepted:
+            steps[row, T] = lane.t_end if last else lane.t
+            steps[row, T_LOW] = 0.0 if last else lane.t_low
+            if problem.pivots:
+                steps[row, SENSE] = lane.constants[-1]
+            for c, component in enumerate(lane.y + lane.f):
+                steps[row, STATE + c] = component
+            for c, component in enumerate(lane.slip):
+                steps[row, steps.shape[1] - N_SLIP + c] = component
+            extremes[row, RATIO_MAX] = lane.ratio_max
+            extremes[row, NORMAL_MIN] = lane.normal_min
+            row += 1
+        if ended or row == steps.shape[0] or n_zeros == zeros.size:
+            break
+        crossed = lane.t_crossed
+        reversals_before = lane.reversals
+        lane.n_after = NEVER  # no peak of a turn is searched
+        due = turn.try_step(problem, parts, w, options, recording)
+        if due & 1 != 0:
+            status, move = turn.look_closer(problem, parts, w, 0, max_steps, recording)
+            ended = status != OK or (move != HOLD and lane.last > 0.0)
+        last = lane.last > 0.0
+        if lane.t_crossed != crossed and not runs.is_dead(lane):
+            zeros[n_zeros] = lane.t_crossed
+            n_zeros += 1
+        if lane.reversals > reversals_before and not runs.is_dead(lane):
+            turns[n_turns] = lane.t_turn
+            n_turns += 1
+        accepted = lane.accept > 0.0
+        if not accepted:
+            runs.hold_back(lane)
+        if problem.limited or runs.recorded(recording.contact):
+            turn.watch(problem, w, recording)
+        turn.commit(problem, w)
+    energy = problem.modes.energy(lane)
+    return StoredSteps(row, n_zeros, n_turns, ended, status, lane.energy0, energy)
+
+
+def states_after(problem, parts, w, steps, which, offset, constants, swing, scale, out):
+    """Write the states a time ``offset`` after rows of ``steps`` to ``out``.
+
+    Each is one step of the method in its own lane.  Components that ``steps`` lacks
+    start at zero.
+    """
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        lane.constants = first_of(constants, problem.model.n_constants)
+        # Lanes that slide try steps of the given sizes.
+        lane.mu = constants[-1]
+        lane.swing = swing
+        lane.search = SCAN
+    given = problem.n_given
+    points = which.size
+    for first in range(0, points, problem.lanes):
+        for l in range(problem.lanes):
+            i = min(first + l, points - 1)
+            lane = lane_of(problem, w, l)
+            row = steps[which[i], STATE:]
+            lane.y = first_of(row, given) + problem.extra
+            lane.f = first_of(row[given:], given) + problem.extra
+            if problem.pivots:
+                pivots.set_sense(lane, steps[which[i], SENSE])
+            if given < problem.model.n_state:
+                runs.derive(lane)
+            lane.h = offset[i]
+            lane.slip = Slip(*first_of(row[row.size - N_SLIP :], N_SLIP))
+            lane.slip1 = lane.slip
+            lane.past_h = 0.0
+            if lane.slip.speed > 0.0:
+                lane.mode = SLIDING
+            elif not problem.pivots:
+                lane.mode = ROLLING
+        call(parts[turn.ATTEMPT], (problem, w, scale))
+        if problem.slides:
+            call(parts[turn.SLIDE], (problem, w, scale, False, 0))
+        for l in range(min(problem.lanes, points - first)):
+            lane = lane_of(problem, w, l)
+            for c, component in enumerate(lane.y1):
+                out[first + l, c] = component
+            for c, component in enumerate(lane.slip1):
+                out[first + l, out.shape[1] - N_SLIP + c] = component
+
+
+def observe_samples(problem, states, slips, senses, constants, out):
+    """Write spin, energy, contact forces and torque of pivoting to ``out``."""
+    model = problem.model
+    q = first_of(constants, model.n_constants)
+    mu = constants[-1]
+    for i in range(out.shape[1]):
+        y = first_of(states[i], model.n_state)
+        slip = Slip(*first_of(slips[i], N_SLIP))
+        if problem.pivots:
+            q = q[:-1] + (senses[i],)  # noqa: RUF005
+        out[0, i] = model.spin(y)
+        observed = problem.modes.observe(model, y, slip, q, mu)
+        for row, value in enumerate(observed):
+            out[1 + row, i] = value
+
+
+FOLLOW_OPTIONS = {"nogil": True, "error_model": "numpy"}
+
+
+def steps_recipe(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
+    """Return :func:`record_steps` of a model; ``rim`` is as for `batch.work_recipe`."""
+    problem = recipes.problem_of(find_model(model_name), adaptive, rimmed=bool(rim))
+    run = problem, recipes.NO_PARTS, recipes.FLAT, recipes.INPUTS, recipes.SETTINGS
+    tables = recipes.TABLE, recipes.TABLE, recipes.FLAT, recipes.FLAT
+    return Kernel(record_steps, (*run, recipes.NOTHING, True, *tables), FOLLOW_OPTIONS)
+
+
+def states_recipe(model_name: str) -> Kernel:
+    """Return :func:`states_after` of a model, which serves all methods."""
+    problem = recipes.problem_of(find_model(model_name), True)
+    points = recipes.TABLE, recipes.WHOLE, recipes.FLAT
+    arguments = problem, recipes.NO_PARTS, recipes.FLAT, *points
+    settings = recipes.FLAT, 1.0, 1.0
+    return Kernel(states_after, (*arguments, *settings, recipes.TABLE), FOLLOW_OPTIONS)
+
+
+def observe_recipe(model_name: str) -> Kernel:
+    """Return :func:`observe_samples` of a model."""
+    problem = recipes.problem_of(find_model(model_name), True)
+    tables = recipes.TABLE, recipes.TABLE, recipes.FLAT, recipes.FLAT, recipes.TABLE
+    return Kernel(observe_samples, (problem, *tables), FOLLOW_OPTIONS)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """States at some times, a row each."""
+
+    t: Floats  # in sqrt(a/g)
+    y: Floats  # in the model's variables
+    # Columns SLIP_SPEED, ... of `state.lane.Slip`; the speed is zero where the
+    # body rolls.
+    slip: Floats
+    # Of a body with pivoting friction: sign of the spin from there on, 0 while it is
+    # held.
+    sense: Floats
+    extra: Floats  # heading and contact point (see `physics.full`), or no columns
+
+    @classmethod
+    def joined(cls, pieces: Sequence[Self]) -> Self:
+        """Return samples one after the other."""
+        names = [field.name for field in fields(cls)]
+        columns = [[getattr(piece, name) for piece in pieces] for name in names]
+        return cls(*map(np.concatenate, columns))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a run: what a call of :func:`record_steps` has stored."""
+
+    steps: Floats  # where it begins, and then the ends of accepted steps
+    extremes: Floats
+    zeros: list[float]
+    turns: list[float]
+    ended: bool
+    status: Status
+
+
+# What looks on: see `Follower`.
+Look = Callable[[Samples, Floats, Floats], None]
+
+
+class Follower:
+    """Integrates a batch of one run past its reversals, as far as states are requested.
+
+    With `attitude`, heading and contact point are integrated over the accepted steps.
+    `look` is called with samples, the result of :meth:`observe`, and the extremes of
+    the contact until then, between steps too: for the launch, then for the accepted
+    steps.  If the step is fixed, only every eighth step counts as
+    accepted.  `longest_step` is as for `integrate`.
+
+    A run that leaves the chart of its variables is integrated again from its launch
+    with :attr:`Model.anywhere`, as in sweeps; :attr:`model` is the model whose
+    variables the states have, and :attr:`constants` has its constants by name.
+    """
+
+    def __init__(
+        self,
+        batch: Batch,
+        tableau: Tableau,
+        model: Model,
+        *,
+        tol: float = TOL,
+        dt: float = DT,
+        max_steps: int = MAX_STEPS,
+        longest_step: Floats | float = np.inf,
+        attitude: bool = False,
+        look: Look | None = None,
+    ) -> None:
+        self._tableau = tableau
+        self._dt = dt
+        self._tol = tol
+        self._max_steps = max_steps
+        self._longest_step = longest_step
+        self._look: Look | None = None
+        self._recorded = {"reversals"}
+        if look is not None:
+            # The contact is only watched for one who looks.
+            self._recorded.add("contact")
+        ((_, own),) = batches.by_own_model(batch, model)
+        batch = batches.with_model(batch, model, own)
+        model = own
+        self._start(batch, model, attitude)
+        there = model.anywhere
+        if there is not None:
+            self._look_ahead(batch, there, attitude)
+        self._look = look
+        if look is not None:
+            look(self.launch(), self.observe(self.launch()), self._extremes)
+
+    def _look_ahead(self, batch: Batch, anywhere: Model, attitude: bool) -> None:
+        """Integrate the run to its end, and begin anew in other variables if it fails.
+
+        What it has stored until then is kept for later, unless it is too much.
+        """
+        ended = self.ended
+        status = Status.OK
+        too_long = False
+        while not ended:
+            stretch = self._integrate()
+            ended = stretch.ended
+            status = stretch.status
+            self._ahead.append(stretch)
+            if len(self._ahead) > CALLS_AHEAD:
+                too_long = True
+                self._ahead.clear()
+        if status in batches.LEFT_CHART:
+            self._start(batches.anywhere(batch, self.model), anywhere, attitude)
+        elif too_long:
+            self._start(batch, self.model, attitude)
+
+    def _start(self, batch: Batch, model: Model, attitude: bool) -> None:
+        """Load the kernels of a model, and begin the run at its launch."""
+        self.model = model
+        self.t = 0.0
+        self.n_steps = 0
+        self.status = Status.OK
+        # Times of the spin's zeros so far, without those after which the body is dead,
+        # and of the first zero in each reversal.
+        self.zeros = list[float]()
+        self.reversals = list[float]()
+        self.ended = not batch.t_end[0] > 0
+        self._batch = batch
+        self.constants = model.named(batch.constants[0])
+        tableau = self._tableau
+        self._models = [model, model.with_attitude] if attitude else [model]
+        rimmed = batches.can_reach_rim(batch, model)
+        rim = ("rimmed",) if rimmed else ()
+        record: Order = (steps_recipe, model.name, tableau.adaptive, *rim)
+        look: Order = (observe_recipe, model.name)
+        orders = [record, look]
+        parts: list[list[Order | None]] = []
+        states: list[Order] = []
+        for each in self._models:
+            # Of the attitude's model no steps are taken.
+            recorded = self._recorded if each is model else ()
+            own = recipes.parts_of(tableau, each, recorded, rimmed=rimmed)
+            parts.append(own)
+            states.append((states_recipe, each.name))
+            orders += [*filter(None, own), states[-1]]
+        # Loaded together, so that they are compiled in parallel.
+        loaded = dict(zip(orders, load_kernels(*orders), strict=True))
+        self._kernel = loaded[record]
+        self._observe = loaded[look]
+        self._states = [loaded[order] for order in states]
+        self._parts = [recipes.addresses(own, loaded) for own in parts]
+        # No window ends, so no amplitudes are compared.
+        endless = replace(
+            batch, window=np.full(1, NEVER), first_comparison=np.full(1, NEVER)
+        )
+        self._run = (
+            recipes.problem_of(model, tableau.adaptive, rimmed=rimmed),
+            self._parts[0],
+            recipes.workspace(tableau, model, 1)[0],
+            batches.inputs_of(
+                endless, tableau, self._tol, self._dt, longest_step=self._longest_step
+            ),
+            batches.options_of(tableau, self._tol, self._dt, self._max_steps),
+            batches.recording_of(1, self._recorded),
+        )
+        # Columns of the table of steps.
+        self._width = STATE + 2 * model.n_state + N_SLIP
+        # Stretches of the run that are known already.
+        self._ahead = deque[Stretch]()
+        launch, stored = self._call(1, begins=True)
+        self._table = launch.steps
+        self._extremes = launch.extremes
+        self.energy_0 = stored.energy_0
+        self._extra = np.zeros((1, self._models[-1].n_extra))
+        self._in_any_position = attitude and model.chart is ANYWHERE
+        if self._in_any_position:
+            self._extra = rotations.at_launch(batch.y0[0, :3])
+        self._launch = self._samples(0, 1)
+
+    def __getstate__(self) -> dict[str, object]:
+        # The compiled code of this process cannot be sent to another, so that only
+        # results are left there.
+        names = ("t", "n_steps", "status", "zeros", "reversals", "ended", "energy_0")
+        return {name: getattr(self, name) for name in names}
+
+    def launch(self) -> Samples:
+        """Return the state at time zero."""
+        return self._launch
+
+    def steps(self) -> Samples:
+        """Continue, and return the next accepted steps; none if the run has ended."""
+        if self.ended:
+            return self._samples(0, 0)
+        self._continue()
+        return self._samples(1, len(self._table))
+
+    def observe(self, samples: Samples) -> Floats:
+        """Return an array of shape (5, rows) of what samples show.
+
+        Its rows are the spin in ``sqrt(g/a)``, the energy minus the work in ``M g a``,
+        the normal and the tangential force in ``M g``, and the torque of pivoting
+        friction in ``M g a``.
+        """
+        out = np.empty((5, len(samples.t)))
+        problem = recipes.problem_of(self._models[0], True)
+        constants = self._batch.constants[0]
+        self._observe(problem, samples.y, samples.slip, samples.sense, constants, out)
+        return out
+
+    @property
+    def swing(self) -> float:
+        """The fastest angular frequency of the spin, in ``sqrt(g/a)``."""
+        return float(self._batch.swing[0])
+
+    def lengths(self) -> Floats:
+        """Return the lengths of the steps that the last call continued by."""
+        table = self._table
+        lengths: Floats = np.diff(table[:, T]) - np.diff(table[:, T_LOW])
+        return lengths
+
+    def within(self, which: Integers, offset: Floats) -> Samples:
+        """Return the states at some times within the steps of the last call.
+
+        Each is one step of the method, a time `offset` after the begin of step `which`.
+        """
+        y, slip = self._between(0, which, offset)
+        extra = self._extra[which]
+        if self._in_any_position:
+            extra = rotations.after(extra, *self._rotations(which, offset))
+        elif extra.size:
+            # The moves are in the frame of the heading at the start of the step.
+            moved = self._moves(which, offset)
+            turned = _rotated(extra[:, 0], moved[:, 1:])
+            extra[:, 0] += moved[:, 0]
+            extra[:, 1:] += turned
+        t = self._table[which, T] + (offset - self._table[which, T_LOW])
+        return Samples(t, y, slip, self._table[which, SENSE], extra)
+
+    def at(self, times: Floats) -> Samples:
+        """Return the states at increasing times, none before those of the last call.
+
+        Times after the end of the run are left out.
+        """
+        pieces = [self._samples(0, 0)]
+        done = 0
+        while done < len(times):
+            ends = self._table[:, T]
+            upto = int(np.searchsorted(times, ends[-1], side="right"))
+            if upto > done:
+                wanted = times[done:upto]
+                which = np.maximum(np.searchsorted(ends, wanted, side="left") - 1, 0)
+                offset = (wanted - ends[which]) + self._table[which, T_LOW]
+                pieces.append(replace(self.within(which, offset), t=wanted))
+                done = upto
+            elif self.ended:
+                break
+            else:
+                self._continue()
+        return Samples.joined(pieces)
+
+    def _samples(self, first: int, last: int) -> Samples:
+        """Return rows of the table of steps."""
+        table = self._table[first:last]
+        y = table[:, STATE : STATE + self._batch.y0.shape[1]]
+        slip = table[:, table.shape[1] - N_SLIP :]
+        extra = self._extra[first:last]
+        return Samples(
+            table[:, T].copy(),
+            y.copy(),
+            slip.copy(),
+            table[:, SENSE].copy(),
+            extra.copy(),
+        )
+
+    def _between(
+        self, place: int, which: Integers, offset: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return states and slips of a model at some times after rows of the table."""
+        model = self._models[place]
+        out = np.empty((len(which), model.n_state + N_SLIP))
+        self._states[place](
+            recipes.problem_of(model, True),
+            self._parts[place],
+            recipes.workspace(self._tableau, model, 1)[0],
+            self._table,
+            which.astype(np.int64),
+            offset,
+            self._batch.constants[0].copy(),
+            self.swing,
+            1.0 / self._tol**2,
+            out,
+        )
+        return out[:, : model.n_state], out[:, model.n_state :]
+
+    def _moves(self, which: Integers, offset: Floats) -> Floats:
+        """Return the changes of heading and contact point since rows of the table."""
+        y, _ = self._between(1, which, offset)
+        return y[:, self._batch.y0.shape[1] :]
+
+    def _rotations(
+        self, which: Integers, offset: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return what :func:`attitude.after` takes, since rows of the table."""
+        y, _ = self._between(1, which, offset)
+        n_given = self._batch.y0.shape[1]
+        ends = y[:, :n_given]
+        starts = self._table[which, STATE : STATE + n_given]
+        spins = [
+            (state[:, :3] * state[:, 3:6]).sum(axis=1)
+            / np.linalg.norm(state[:, :3], axis=1)
+            for state in (starts, ends)
+        ]
+        return y[:, n_given:], ends[:, :3], 0.5 * offset * (spins[0] + spins[1])
+
+    def _call(self, rows: int, *, begins: bool) -> tuple[Stretch, StoredSteps]:
+        """Begin or continue the run, for a number of rows of the table of steps."""
+        steps = np.zeros((rows, self._width))
+        extremes = np.zeros((rows, 2))
+        zeros = np.zeros(MOST_ZEROS)
+        # The first reversal of a call may belong to a zero of the call before.
+        turns = np.zeros(MOST_ZEROS + 1)
+        tables = steps, extremes, zeros, turns
+        stored = cast(StoredSteps, self._kernel(*self._run, begins, *tables))
+        stretch = Stretch(
+            steps=steps[: stored.rows],
+            extremes=extremes[: stored.rows],
+            zeros=zeros[: stored.zeros].tolist(),
+            turns=turns[: stored.turns].tolist(),
+            ended=bool(stored.ended),
+            status=Status(stored.status),
+        )
+        return stretch, stored
+
+    def _integrate(self) -> Stretch:
+        """Return the next stretch of the run."""
+        stretch, stored = self._call(1 + STEPS_PER_CALL, begins=False)
+        if stretch.ended and stretch.status == Status.OK:
+            drift = (stored.energy - stored.energy_0) / stored.energy_0
+            status = self._trusted(drift, float(stretch.steps[-1, T]))
+            stretch = replace(stretch, status=status)
+        return stretch
+
+    def _continue(self) -> None:
+        """Go on to the next stretch."""
+        stretch = self._ahead.popleft() if self._ahead else self._integrate()
+        table = stretch.steps
+        rows = len(table)
+        self._table = table
+        self._extremes = stretch.extremes
+        self.n_steps += (rows - 1) * batches.stride(self._tableau)
+        self.zeros += stretch.zeros
+        self.reversals += stretch.turns
+        self.t = float(table[-1, T])
+        self.ended = stretch.ended
+        self.status = stretch.status
+        base = self._extra[-1]
+        self._extra = np.repeat(base[None], rows, axis=0)
+        if self._in_any_position:
+            steps = self._rotations(np.arange(rows - 1), self.lengths())
+            self._extra = rotations.added(base, *steps)
+        elif base.size:
+            moved = self._moves(np.arange(rows - 1), self.lengths())
+            self._extra[1:, 0] = base[0] + np.cumsum(moved[:, 0])
+            turned = _rotated(self._extra[:-1, 0], moved[:, 1:])
+            self._extra[1:, 1:] = base[1:] + np.cumsum(turned, axis=0)
+        if self._look is not None:
+            samples = self._samples(1, rows)
+            self._look(samples, self.observe(samples), stretch.extremes[1:])
+
+    def _trusted(self, drift: float, t_end: float) -> Status:
+        """Return the status that a sweep gives to a run that has reached its end."""
+        if not abs(drift) <= runs.MAX_ENERGY_DRIFT:
+            return Status.ENERGY if np.isfinite(drift) else Status.NONFINITE
+        tableau = self._tableau
+        relevant = self._batch.relevant
+        if tableau.adaptive or not batches.is_coarse(
+            tableau, self._dt, relevant, t_end
+        ):
+            return Status.OK
+        return Status.COARSE
+
+
+def _rotated(heading: Floats, move: Floats) -> Floats:
+    """Return moves in the plane, rotated by headings."""
+    cosine = np.cos(heading)
+    sine = np.sin(heading)
+    x = move[:, 0]
+    y = move[:, 1]
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)

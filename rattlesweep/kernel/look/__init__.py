@@ -1,0 +1,1 @@
+"""What is looked for within a step: interpolation, marks, extremes."""

@@ -1,0 +1,1 @@
+"""Methods as tables of numbers: explicit tableaus, collocation."""

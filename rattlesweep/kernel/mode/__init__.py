@@ -1,0 +1,1 @@
+"""Modes: the ways in which a body moves."""

@@ -1,0 +1,341 @@
+"""Modes: the ways in which a body moves, what ends them, and what follows.
+
+A lane is in one mode at a time, which lasts while its limit is positive:
+
+| mode | what acts on the body | its limit | what follows |
+|---|---|---|---|
+| ROLLING | the plane holds the contact | the friction | SLIDING |
+| SLIDING | friction against the slip | the normal force, the mobility | an end |
+| PIVOTING | it rolls; a torque against its spin | its spin, the friction | HELD |
+| HELD | it rolls; its spin is held at zero | the torque, the friction | PIVOTING |
+
+Where the friction is used up, SLIDING follows all others.  PIVOTING follows itself,
+with the other sense of the spin.  A slide also ends where the contact point is at rest:
+then the body rolls if the plane can hold it.
+
+The limit of a body with a rim is combined with the height that is left below it
+(`inside.both`), so that one search (`event.zeros`) finds the first zero of all.  Which
+of the two is zero is told apart once its zero is found.
+
+A mode is a record (:class:`~rattlesweep.kernel.state.lane.Mode`) of `mode.slides`
+or `mode.pivots`; ROLLING of a body that never slides is here.  :func:`modes_of`
+combines those of a model.
+"""
+
+# mypy: ignore-errors
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numba import njit
+
+from rattlesweep.compiling.intrinsics import (
+    INNER,
+    KEPT_APART,
+    apart,
+    choice,
+    moved,
+    widest_vectors,
+)
+from rattlesweep.kernel import runs
+from rattlesweep.kernel.event.zeros import LIMIT
+from rattlesweep.kernel.look import inside
+from rattlesweep.kernel.mode import pivots, slides
+from rattlesweep.kernel.state.fields import (
+    DIFFERENCE,
+    HELD,
+    PIVOTING,
+    ROLLING,
+    SLIDING,
+    STEP,
+    Point,
+)
+from rattlesweep.kernel.state.lane import Mode, ModeSet, lane_of
+from rattlesweep.kernel.state.statuses import AT_LIMIT, RIM
+from rattlesweep.kernel.step import slots
+from rattlesweep.kernel.tangents import nothing
+from rattlesweep.motion.model import Model
+from rattlesweep.physics.full import FASTMATH, scalar
+
+# The results of a run in any model.
+RESULT = np.dtype([*runs.RESULTS, *slides.RESULTS, *pivots.RESULTS], align=True)
+
+
+# A body that rolls whatever the force.
+
+
+@scalar
+def no_limit(lane, h, y, f):
+    """Return the limit of a model that holds everywhere."""
+    return Point(h, 1.0, 0.0)
+
+
+@scalar
+def limit_of_model(lane, h, y, f):
+    """Return the limit of the model."""
+    ahead = DIFFERENCE / lane.swing
+    limit = lane.problem.model.limit
+    now = limit(y, lane.constants)
+    later = limit(moved(y, f, ahead), lane.constants)
+    return Point(h, now, (later - now) / ahead)
+
+
+@scalar
+def margin_of_model(lane, y, f):
+    """Return the limit of the model."""
+    return lane.problem.model.limit(y, lane.constants)
+
+
+@scalar
+def no_margin(lane, y, f):
+    """Return the margin of a body that rolls whatever the force."""
+    return 1.0
+
+
+@scalar
+def never_calm(lane):
+    """Return that it is not known how far a margin falls in a long step."""
+    return False
+
+
+@scalar
+def no_rim(lane, y):
+    """Return the height that is left below the rim of a body without one."""
+    return 1.0
+
+
+@scalar
+def below_rim(lane, y):
+    """Return the height that is left between the contact and the rim."""
+    return lane.rim - lane.problem.model.rise(y, lane.constants)
+
+
+@scalar
+def limit_at_rim(lane, h, y, f):
+    """Return the height that is left below the rim."""
+    ahead = DIFFERENCE / lane.swing
+    now = below_rim(lane, y)
+    later = below_rim(lane, moved(y, f, ahead))
+    return Point(h, now, (later - now) / ahead)
+
+
+@scalar
+def margin_at_rim(lane, y, f):
+    """Return the height that is left below the rim."""
+    return below_rim(lane, y)
+
+
+@njit(**INNER)
+def go_on(lane, status, move, recording):
+    """Return status and move; the lane goes on as it is."""
+    return status, move
+
+
+@njit(**INNER)
+def end_at_rim(lane, status, move, recording):
+    """Return status and move of a run that has no other limit but the rim."""
+    return RIM if status == AT_LIMIT else status, move
+
+
+@njit(**INNER)
+def settle(lane, y, t):
+    """Let the lane roll."""
+    lane.mode = ROLLING
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def energy(lane):
+    """Return the energy at the end of the step just tried."""
+    return lane.problem.model.energy(lane.y1, lane.constants)
+
+
+@njit(**INNER)
+def work(lane):
+    """Return the work of friction until the end of the step, which is negative."""
+    return lane.problem.model.work(lane.y1)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def observe(model, y, slip, constants, mu):
+    """Return what `ModeSet.observe` does."""
+    normal, tangential = model.contact(y, constants)
+    return model.energy(y, constants), normal, tangential, 0.0
+
+
+# How modes combine.
+
+
+def of_mode(modes: Sequence[Mode], name: str) -> Callable[..., object]:
+    """Return a function that calls the one of the mode in which a lane is."""
+    one_of = choice({mode.number: getattr(mode, name) for mode in modes})
+
+    @njit(**INNER)
+    def of_lane(lane, *arguments):
+        return one_of(lane.mode, lane, *arguments)
+
+    return of_lane
+
+
+def in_turn(functions: Sequence[Callable[..., None] | None]) -> Callable[..., None]:
+    """Return a function that calls others in turn; those that are None are left out."""
+    first, *others = [function for function in functions if function] or [nothing]
+    if not others:
+        return first
+    rest = in_turn(others)
+
+    @njit(**INNER)
+    def all_of(*arguments):
+        first(*arguments)
+        rest(*arguments)
+
+    return all_of
+
+
+def observe_margin(
+    margin: Callable[..., float], is_calm: Callable[..., bool]
+) -> Callable[..., None]:
+    """Return a function that looks at the margin in the steps tried on all lanes.
+
+    It needs no right-hand side: the margin follows from the state and its derivative,
+    and within the step from those of the cubic through both ends.  A step too long for
+    this is searched unless it is calm.
+    """
+
+    @njit(fastmath=FASTMATH, **INNER)
+    def observe_limit(problem, w):
+        widest_vectors()
+        for l in range(problem.lanes):
+            lane = lane_of(problem, w, l)
+            start = lane.margin0
+            half = margin(lane, inside.middle(lane), inside.middle_rate(lane))
+            end = margin(lane, lane.y1, lane.f1)
+            angle = lane.h * lane.swing
+            dips = inside.may_dip(start, half, end, angle)
+            swings = not is_calm(lane)
+            leaves = 1.0 if (swings if angle > inside.GLANCED else dips) else 0.0
+            watched = lane.watched
+            lane.margin1 = end
+            lane.leaves = leaves
+            lane.watched = watched + leaves
+
+    return observe_limit
+
+
+@njit(**INNER)
+def observe_nothing(problem, w):
+    """Let no step end at a zero of the limit."""
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        lane.leaves = 0.0
+
+
+@njit(fastmath=FASTMATH, **KEPT_APART)
+def look_at_limit(lane):
+    """Compute the limit at the ends of the step tried, where it is to be searched.
+
+    A closer look, with the rates of the limit, tells whether the step may end at a zero
+    of it.  Steps of lanes that slide have computed it.
+    """
+    apart()
+    limit = lane.problem.modes.limit
+    rolls = lane.mode != SLIDING
+    if lane.search != STEP:
+        if rolls and lane.searched == LIMIT:
+            lane.limit1 = limit(lane, lane.h, lane.y1, lane.f1)
+        return
+    if lane.mode == SLIDING or (lane.leaves == 0.0 and lane.mode != PIVOTING):
+        return
+    if rolls:
+        lane.limit0 = limit(lane, 0.0, lane.y, lane.f)
+        lane.limit1 = limit(lane, lane.h, lane.y1, lane.f1)
+    if lane.problem.pivots and lane.mode == PIVOTING and lane.left_zero == lane.steps:
+        lane.limit0 = inside.at_zero(lane.limit0)
+    if lane.leaves > 0.0:
+        half = limit(lane, lane.h, inside.middle(lane), inside.middle_rate(lane))
+        angle = lane.h * lane.swing
+        falls = inside.falls(lane.limit0, half.value, lane.limit1, angle)
+        if lane.problem.pivots and lane.mode == HELD:
+            falls |= pivots.may_give_way(lane)
+        lane.leaves = 1.0 if falls else 0.0
+
+
+@njit(**INNER)
+def roll_on(problem, w):
+    """Return that all lanes try a step in this turn, and that none slides."""
+    return True, False
+
+
+@njit(**INNER)
+def keep(problem, w, due):
+    """Return which lanes are due."""
+    return due
+
+
+def modes_of(model: Model, rimmed: bool) -> ModeSet:
+    """Return the modes of a model's bodies."""
+    rolling = Mode(ROLLING, no_limit, go_on)
+    if model.limit is not None:
+        rolling = Mode(ROLLING, limit_of_model, go_on, margin_of_model)
+    if rimmed:
+        rolling = Mode(ROLLING, limit_at_rim, end_at_rim, margin_at_rim)
+    further = ()
+    if model.slide is not None:
+        rolling = slides.ROLLING_MODE
+        further = (slides.SLIDING_MODE,)
+    modes = (rolling, *further)
+    if model.pivot is not None:
+        pivoting = pivots.pivoting_modes(rolling)
+        modes = (*pivoting, *further)
+    margin = rolling.margin
+    observed = [mode.observe_limit for mode in modes]
+    has_limit = margin is not None or model.pivot is not None
+    if margin is not None:
+        is_calm = never_calm
+        if rolling.is_calm and not rimmed:
+            is_calm = rolling.is_calm
+        observed.insert(0, observe_margin(margin, is_calm))
+    elif has_limit:
+        observed.insert(0, observe_nothing)
+    combined = ModeSet(
+        limit=of_mode(modes, "limit"),
+        margin=margin or no_margin,
+        observe_limit=in_turn(observed),
+        look=look_at_limit if has_limit else nothing,
+        plan=roll_on,
+        decide=keep,
+        change=of_mode(modes, "change"),
+        prepare=nothing,
+        launch=nothing,
+        settle=settle,
+        free=nothing,
+        advance=nothing,
+        left=below_rim if rimmed else no_rim,
+        energy=energy,
+        work=work,
+        observe=observe,
+        store=in_turn([mode.store for mode in modes]),
+        results=tuple(name for mode in modes for name, _ in mode.results),
+    )
+    if model.slide is not None:
+        combined = replace(
+            combined,
+            plan=slots.plan_sliding,
+            decide=slots.decide_sliding,
+            prepare=slides.prepare,
+            launch=slides.launch,
+            advance=slides.advance,
+            energy=slides.energy,
+            work=slides.work,
+            observe=slides.observe_body,
+        )
+    if model.pivot is not None:
+        combined = replace(
+            combined,
+            prepare=pivots.preparing(combined.prepare),
+            settle=pivots.settle,
+            free=pivots.free,
+            launch=pivots.launching(combined.launch),
+            advance=in_turn([combined.advance, pivots.advance]),
+            observe=pivots.observing(combined.observe),
+        )
+    return combined

@@ -1,0 +1,417 @@
+"""Zeros of the spin at which pivoting friction changes its sense, and spins held there.
+
+A body that rolls with pivoting friction (`physics.pivoting`) is in one of two modes
+(`mode.modes`): PIVOTING, with a positive or a negative spin, until a zero of the spin,
+or HELD, with the spin held at zero, until the torque that this takes exceeds ``l F_n``.
+The sense of the spin, 0 while it is held, is the last constant of a lane.  While the
+body slides, which needs no sense, it is the least creep (`physics.pivoting`).
+
+A reversal is a zero at which the spin goes over to the other side, or the end of a rest
+from which it does.
+"""
+
+# mypy: ignore-errors
+from collections.abc import Callable
+from math import nan
+from typing import Any
+
+from numba import njit
+
+from rattlesweep.compiling.intrinsics import (
+    INNER,
+    KEPT_APART,
+    apart,
+    moved,
+    widest_vectors,
+)
+from rattlesweep.kernel import runs
+from rattlesweep.kernel.event.zeros import REVERSED
+from rattlesweep.kernel.look.inside import (
+    GLANCED,
+    at_zero,
+    both_of,
+    falls,
+    may_dip,
+    middle,
+)
+from rattlesweep.kernel.state.fields import DIFFERENCE, HELD, PIVOTING, Point
+from rattlesweep.kernel.state.lane import Mode, lane_of
+from rattlesweep.kernel.state.statuses import AT_LIMIT, OK
+from rattlesweep.physics.full import FASTMATH, TINY, scalar
+from rattlesweep.physics.pivoting import LEAST_CREEP, least_creep, spin_of_share
+
+RESULTS = (
+    ("t_held", float),
+    ("held_time", float),
+    ("pivot_work", float),
+    ("pulled", float),
+)
+# By what share of the lever the limit of a rest is passed before it counts, so that
+# rounding errors do not end it at once.
+PASSED = 1e-13
+# Smallest spin, over the lever, with which a slide begins: below it the decay of the
+# spin is too stiff.
+SMALLEST_SPIN = 1e-7
+# Rounding errors of the spin, as a share of its scale.
+LEAST_SPIN = 1e-14
+
+
+@njit(**INNER)
+def set_sense(lane, sense):
+    """Let the torque act against a spin of this sign, or hold the spin for 0."""
+    lane.constants = lane.constants[:-1] + (sense,)  # noqa: RUF005
+    lane.mode = HELD if sense == 0.0 else PIVOTING
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def note_pull(problem, w):
+    """Note on every lane whether the plane would have to pull at the end of the step.
+
+    There the torque of a spin vanishes, and so does its power.  No step sees where it
+    begins to, so the derivative has a kink within a step.
+    """
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        has_torque = problem.model.pivot_work(lane.f1) != 0.0
+        is_free = (lane.mode != PIVOTING) | (lane.n1 == 0.0) | has_torque
+        before = lane.pulled
+        lane.pulled = before if is_free else 1.0
+
+
+@njit(**INNER)
+def give_slack(lane, y):
+    """Let the spin begin on its side of zero, although it is a rounding error."""
+    n = lane.constants[-1] * lane.problem.model.spin(y)
+    # After a tap the bound of the rate is unknown until the spin has been far.
+    rate = lane.arm_rate if lane.arm > 0.0 else lane.rate_max
+    scale = abs(lane.n_launch) + rate / lane.swing
+    lane.slack = max(0.0, -n) + LEAST_SPIN * scale
+
+
+@scalar
+def lever_of(lane):
+    """Return the lever of the torque."""
+    return lane.constants[-2]
+
+
+@scalar
+def margins(lane, y):
+    """Return what the torque that holds the spin lacks of its two limits."""
+    torque, normal = lane.problem.model.pivot(y, lane.constants)
+    most = lever_of(lane) * (normal + PASSED)
+    return most + torque, most - torque
+
+
+@scalar
+def margin(lane, y):
+    """Return the torque that the plane can still give to hold the spin."""
+    below, above = margins(lane, y)
+    return below if below < above else above
+
+
+@scalar
+def held_point(lane, h, y, f):
+    """Return the limit of a spin that is held, positive while it is."""
+    ahead = DIFFERENCE / lane.swing
+    now = margin(lane, y)
+    later = margin(lane, moved(y, f, ahead))
+    return Point(h, now, (later - now) / ahead)
+
+
+@scalar
+def turn_point(lane, h, y, f):
+    """Return the limit of a spin with a sign; nothing for one that is held."""
+    sense = lane.constants[-1]
+    model = lane.problem.model
+    value = sense * model.spin(y) + lane.slack
+    rate = sense * model.spin_rate(y, f)
+    return Point(h, 1.0 if sense == 0.0 else value, rate)
+
+
+@njit(**KEPT_APART)
+def distance_from_zero(lane):
+    """Return how far a lane is from the limit of the spin, as a share of its scale."""
+    apart()
+    if lane.mode == HELD:
+        return abs(margin(lane, lane.y1)) / (lever_of(lane) + TINY)
+    scale = abs(lane.n_launch) + abs(lane.rate1) / lane.swing
+    return abs(lane.n1) / (scale + TINY)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def sense_from_zero(lane, y):
+    """Return the sense with which a spin leaves zero, 0 if the plane holds it."""
+    set_sense(lane, 0.0)
+    torque, normal = lane.problem.model.pivot(y, lane.constants)
+    if abs(torque) <= lever_of(lane) * normal:
+        return 0.0
+    return -1.0 if torque > 0.0 else 1.0
+
+
+@njit(**INNER)
+def hold_spin(lane, y, t):
+    """Note that the spin is held from the state ``y`` and the time ``t`` on."""
+    lane.below1, lane.above1 = margins(lane, y)
+    # A launch has no step before it.
+    lane.below0 = lane.below1
+    lane.above0 = lane.above1
+    lane.t_hold = t
+    lane.rate_held = lane.rate_max
+    if lane.t_held < 0.0:
+        lane.t_held = t
+
+
+@njit(**INNER)
+def release(lane, t):
+    """Note that the spin is held until the time ``t``."""
+    lane.held_time += t - lane.t_hold
+    lane.rate_max = max(lane.rate_max, lane.rate_held)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def free(lane):
+    """Let the foot begin to slide at the end of the step, with the torque it has.
+
+    Where the spin is held, the foot begins to turn, as the torque of a sliding patch
+    depends on the ratio of spin and speed.  As the speed grows from zero, so does the
+    spin, and the torque stays the one that held it.
+    """
+    model = lane.problem.model
+    lever = lever_of(lane)
+    spin = model.spin(lane.y1)
+    sense = lane.constants[-1]
+    # Just after a rest the spin may be too small to be integrated.
+    turning = sense * max(sense * spin, SMALLEST_SPIN * lever)
+    least = least_creep(turning, lever)
+    if sense == 0.0:
+        least = LEAST_CREEP
+        torque, normal = model.pivot(lane.y1, lane.constants)
+        share = -torque / (lever * normal + TINY)
+        turning = spin_of_share(share, lever + TINY, least)
+    at = model.slide.place(lane.y1, lane.slip1, 0.0, lane.constants)
+    lane.y1 = model.slide.turned(lane.y1, at.u, turning - spin)
+    lane.constants = lane.constants[:-1] + (least,)  # noqa: RUF005
+
+
+@njit(**INNER)
+def settle(lane, y, t):
+    """Let the torque act from the state ``y`` on, in which the body rolls."""
+    n = lane.problem.model.spin(y)
+    sense = 1.0 if n > 0.0 else -1.0
+    if n == 0.0:
+        sense = sense_from_zero(lane, y)
+    set_sense(lane, sense)
+    if sense == 0.0:
+        hold_spin(lane, y, t)
+
+
+@njit(fastmath=FASTMATH, **KEPT_APART)
+def leave_zero(lane, t):
+    """Let the spin go on from zero at the end of the step; return its sense."""
+    apart()
+    if lane.mode == HELD:
+        torque, _ = lane.problem.model.pivot(lane.y1, lane.constants)
+        sense = -1.0 if torque > 0.0 else 1.0
+        release(lane, t)
+    else:
+        sense = sense_from_zero(lane, lane.y1)
+    set_sense(lane, sense)
+    give_slack(lane, lane.y1)
+    if sense == 0.0:
+        hold_spin(lane, lane.y1, t)
+    runs.jump(lane)
+    lane.limit1 = at_zero(lane.limit1)
+    # A body that pivots computes its limit again, in `modes.look_at_limit`.
+    lane.left_zero = lane.steps + 1.0
+    lane.h_next = lane.full_next
+    return sense
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def observe_held(problem, w):
+    """Look at the torque in the step tried on every lane that is held.
+
+    It is looked at in the middle, too: the plane may give way there and hold again at
+    the end.  A step too long for this look is searched.
+    """
+    widest_vectors()
+    held = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        held += 1 if lane.mode == HELD else 0
+    if held == 0:
+        return
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        half_below, half_above = margins(lane, middle(lane))
+        end_below, end_above = margins(lane, lane.y1)
+        angle = lane.h * lane.swing
+        dips = may_dip(lane.below0, half_below, end_below, angle)
+        dips |= may_dip(lane.above0, half_above, end_above, angle)
+        dips |= angle > GLANCED
+        due = 1.0 if (lane.mode == HELD) & dips else 0.0
+        leaves = lane.leaves
+        watched = lane.watched
+        lane.below1 = end_below
+        lane.above1 = end_above
+        lane.leaves = due if due > leaves else leaves
+        lane.watched = watched + due
+
+
+@scalar
+def may_give_way(lane):
+    """Return whether the plane may let the spin go in the step, from a closer look.
+
+    The torque is looked at with its rates, on either side by itself: what it lacks of
+    the nearer limit has a kink.
+    """
+    ahead = DIFFERENCE / lane.swing
+    angle = lane.h * lane.swing
+    first_below, first_above = margins(lane, moved(lane.y, lane.f, ahead))
+    last_below, last_above = margins(lane, moved(lane.y1, lane.f1, ahead))
+    half_below, half_above = margins(lane, middle(lane))
+    start = Point(0.0, lane.below0, (first_below - lane.below0) / ahead)
+    end = Point(lane.h, lane.below1, (last_below - lane.below1) / ahead)
+    if falls(start, half_below, end, angle):
+        return True
+    start = Point(0.0, lane.above0, (first_above - lane.above0) / ahead)
+    end = Point(lane.h, lane.above1, (last_above - lane.above1) / ahead)
+    return falls(start, half_above, end, angle)
+
+
+@njit(**INNER)
+def advance(problem, w):
+    """Let what the torque lacks at the end of a step be that at the next start."""
+    held = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        held += 1 if lane.mode == HELD else 0
+    if held == 0:
+        return
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        moves = lane.accept > 0.0
+        below0 = lane.below0
+        above0 = lane.above0
+        below1 = lane.below1
+        above1 = lane.above1
+        lane.below0 = below1 if moves else below0
+        lane.above0 = above1 if moves else above0
+
+
+@njit(**INNER)
+def store(lane, t, result):
+    """Store the results of rests, and of the torque."""
+    if lane.mode == HELD:
+        lane.held_time += t - lane.t_hold
+        # Without the rounding errors of the state, so that rows tell it is held.
+        result["n_end"] = 0.0
+    pivot_work = lane.problem.model.pivot_work
+    result["t_held"] = lane.t_held if lane.t_held >= 0.0 else nan
+    result["held_time"] = lane.held_time
+    result["pulled"] = lane.pulled
+    # Zero and not -0 for a run without a torque.
+    result["pivot_work"] = 0.0 - pivot_work(lane.y1) / lane.energy0
+
+
+def preparing(base_prepare: Callable[..., None]) -> Callable[..., None]:
+    """Return `ModeSet.prepare` of a model with the torque, from that without it."""
+
+    @njit(**INNER)
+    def prepare(lane, constants, rate):
+        base_prepare(lane, constants, rate)
+        lane.t_held = -1.0
+        lane.left_zero = -1.0
+        lane.pulled = 0.0
+        lane.rate_max = rate
+        settle(lane, lane.y, 0.0)
+
+    return prepare
+
+
+def launching(base_launch: Callable[..., None]) -> Callable[..., None]:
+    """Return `ModeSet.launch` of a model with the torque, from that without it."""
+
+    @njit(**INNER)
+    def launch(lane):
+        if lane.n0 == 0.0 and lane.mode == PIVOTING:
+            # A tap leaves zero here, and may be back within the first step.
+            give_slack(lane, lane.y)
+        base_launch(lane)
+
+    return launch
+
+
+def observing(base_observe: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `ModeSet.observe` of a model with the torque, from that without it."""
+
+    @njit(fastmath=FASTMATH, **INNER)
+    def observe(model, y, slip, constants, mu):
+        energy, normal, tangential, torque = base_observe(model, y, slip, constants, mu)
+        if slip.speed == 0.0:
+            torque, _ = model.pivot(y, constants)
+        return energy, normal, tangential, torque
+
+    return observe
+
+
+def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
+    """Return the modes of a body with the torque that rolls: PIVOTING and HELD.
+
+    ``rolling`` is the mode of the body without it.
+    """
+    rolling_limit = rolling.limit
+    change_rolling = rolling.change
+
+    @scalar
+    def limit(lane, h, y, f):
+        return both_of(rolling_limit(lane, h, y, f), turn_point(lane, h, y, f))
+
+    @scalar
+    def limit_held(lane, h, y, f):
+        return both_of(rolling_limit(lane, h, y, f), held_point(lane, h, y, f))
+
+    @njit(**INNER)
+    def slide(lane, t, status, move, recording):
+        was_held = lane.mode == HELD
+        status, move = change_rolling(lane, status, move, recording)
+        if was_held and lane.mode != HELD:
+            release(lane, t)
+        return status, move
+
+    @njit(**KEPT_APART)
+    def change(lane, status, move, recording):
+        apart()
+        t = lane.t + (lane.h - lane.t_low)
+        is_at_zero = False
+        if status == AT_LIMIT:
+            other = rolling_limit(lane, lane.h, lane.y1, lane.f1)
+            is_at_zero = distance_from_zero(lane) <= other.value
+        if not is_at_zero:
+            return slide(lane, t, status, move, recording)
+        sense = leave_zero(lane, t)
+        status = OK
+        if lane.limit1.value <= 0.0:
+            # The force has jumped with the torque, beyond what friction can give.
+            status, move = slide(lane, t, AT_LIMIT, move, recording)
+        # A spin that returns to its side has not reversed.
+        if sense * lane.sign >= 0.0 or lane.arm > 0.0:
+            return status, move
+        if not runs.goes_on(lane.problem, recording):
+            return OK, REVERSED
+        lane.sign = sense
+        runs.note_zero(lane, t, recording.reversals)
+        return status, move
+
+    return (
+        Mode(PIVOTING, limit, change, rolling.margin, observe_limit=note_pull),
+        Mode(
+            HELD,
+            limit_held,
+            change,
+            observe_limit=observe_held,
+            results=RESULTS,
+            store=store,
+        ),
+    )

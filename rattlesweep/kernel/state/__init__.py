@@ -1,0 +1,1 @@
+"""What a lane knows: its fields, and how compiled code sees them."""

@@ -1,0 +1,1 @@
+"""Steps: methods, explicit steps of rolling bodies, implicit ones of slides."""

@@ -1,0 +1,384 @@
+"""A step of a slide in the block: its start, its error, its limit."""
+
+# mypy: ignore-errors
+
+from math import sqrt
+
+import numpy as np
+from numba import njit
+from numpy.polynomial import legendre
+
+from rattlesweep.compiling.intrinsics import (
+    INNER,
+    moved,
+    rough_root,
+)
+from rattlesweep.kernel import runs
+from rattlesweep.kernel.look.inside import (
+    both,
+    both_of,
+    glance,
+    least_above,
+    middle,
+    peak_if,
+    turned_over,
+)
+from rattlesweep.kernel.method.collocation import STAGES
+from rattlesweep.kernel.state.fields import (
+    DIFFERENCE,
+    SLIP_ANGLE,
+    SLIP_SPEED,
+    STEP,
+    Peak,
+    Point,
+    Slip,
+)
+from rattlesweep.kernel.step.radau import METHOD
+from rattlesweep.kernel.step.sliding_motion import (
+    contact_of,
+    motion_at,
+)
+from rattlesweep.physics.full import FASTMATH, TINY
+from rattlesweep.physics.pivoting import slip_of_patch
+from rattlesweep.physics.sliding import (
+    push,
+    settled_direction,
+)
+
+POINTS = METHOD.points
+INTEGRALS = METHOD.integrals
+DEGREES = np.arange(STAGES)
+# From values at the stages to the derivative at the end of a step of size 1.
+END_RATES = (DEGREES * (DEGREES + 1)) @ METHOD.spectrum
+# The same to the value in the middle.
+(MIDDLE,) = legendre.legvander(0.0, STAGES - 1) @ METHOD.spectrum
+SOLVED = 1e-2  # share of the tolerance to which the equations are solved
+# Rounding errors of a state over its size: no step is more exact.
+ROUNDING = 1e-15
+# A fresh column: equations that are to be solved, no change and no iteration yet.
+NEW = (1.0,) * (1 + STAGES) + (0.0, 0.0)
+FAILED = 1e30  # squared error of a step whose equations were not solved
+# The ratio of two steps: a share of what would meet the tolerance, and bounds.
+SAFE_SHARE = 0.75
+LEAST_STRETCH = 0.2
+MOST_STRETCH = 3.0
+LEAST_SLIDING_ERROR = 1e-16  # squared, of steps that may grow as much as they can
+
+BEGINNING = 1e-290  # speed at the begin of a slide
+# Error of a step across the kink of the patch's torque, over this torque and the 2.5th
+# power of the step's width, as found for all places of the kink in a step.
+KINK = 1e-3
+MOST_WIDTH = 6.0
+# Errors of other steps are mostly far below the tolerance; so much smaller must be that
+# of the spin, for errors to be proportional to the tolerance.
+SPIN_WEIGHT = 300.0
+# From the start of the last step, in its size: how far its rates say what follows.
+MOST_AHEAD = 2.5
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def contact_at_slip(lane, y, slip):
+    """Return what :func:`contact_of` does for a lane's body."""
+    return contact_of(lane.problem.model, y, slip, lane.mu, lane.constants)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def motion_of(lane, y, slip):
+    """Return the motion of a lane's body in a state."""
+    return motion_at(lane.problem.model, y, slip, lane.mu, lane.constants)
+
+
+# A step, in the column of a lane in a block.
+
+
+@njit(**INNER)
+def load_column(lane, z, column, scale):
+    """Copy the start of a step to a column, and what the last step tells."""
+    slip = lane.slip
+    _, size = lane.problem.model.error(lane.y, lane.y, lane.constants)
+    begins = slip.speed <= BEGINNING
+    # Near rest the direction follows from a speed that may be below the tolerance.
+    most = size / scale
+    if not begins:
+        most = min(most, slip.speed * slip.speed)
+    enough = max(SOLVED * SOLVED * most, squared_rounding(lane))
+    # All tries from one start are guessed alike, so that a repeated one has its bits.
+    if lane.held == 0.0 and lane.search == STEP:
+        lane.past = lane.tried
+        lane.past_h = lane.tried_h
+        lane.past_rise = lane.rise
+    numbers = (slip.speed, slip.angle, slip.work)
+    settings = (lane.mu, lane.h, enough, lane.past_h, 1.0)
+    whole = lane.y + numbers + lane.constants + settings + lane.past + NEW
+    lane.problem.block.load(z, column, whole)
+    if begins or lane.past_h == 0.0:
+        now = motion_of(lane, lane.y, slip)
+        # Where the angle is stiff, its rate at the start says nothing about the step.
+        stiff = begins or abs(lane.h * now.stiffness) >= 1.0
+        turning = 0.0 if stiff else now.slip.angle
+        rates = now.f + (now.slip.speed, turning, 0.0)  # noqa: RUF005
+        for c in range(lane.problem.block.count):
+            keep_rate(lane, z, column, c, rates[c])
+        go_straight(lane, z, column)
+
+
+@njit(**INNER)
+def keep_rate(lane, z, column, c, rate):
+    """Let a number be guessed from its rate at the start of the step alone."""
+    block = lane.problem.block
+    for k in range(STAGES):
+        place = (block.past + k * block.count + c) * block.width + column
+        z[place] = rate if k == 0 else 0.0
+
+
+@njit(**INNER)
+def go_straight(lane, z, column):
+    """Let a step be guessed from its own start, and not from the last step's."""
+    block = lane.problem.block
+    z[block.past_h * block.width + column] = lane.h
+    z[block.offset * block.width + column] = 0.0
+
+
+@njit(**INNER)
+def rates_at_start(problem, z, column, c):
+    """Return the rate of a number at the start of a step, and the rate of this rate."""
+    block = problem.block
+    past_h = z[block.past_h * block.width + column]
+    side = 2.0 * z[block.offset * block.width + column] - 1.0
+    rate = 0.0
+    bend = 0.0
+    # Values and derivatives of Legendre's polynomials at 1 or -1.
+    sign = 1.0
+    for k in range(STAGES):
+        coefficient = z[(block.past + k * block.count + c) * block.width + column]
+        rate += sign * coefficient
+        bend += sign * side * k * (k + 1) * coefficient
+        sign *= side
+    return rate, bend / past_h
+
+
+@njit(**INNER)
+def look_ahead(lane, z, column):
+    """Do not follow the rates of the last step further than they tell."""
+    block = lane.problem.block
+    z[block.h * block.width + column] = lane.h
+    past_h = z[block.past_h * block.width + column]
+    offset = z[block.offset * block.width + column]
+    if offset + lane.h / past_h > MOST_AHEAD:
+        for c in range(block.count):
+            rate, _ = rates_at_start(lane.problem, z, column, c)
+            keep_rate(lane, z, column, c, rate)
+        go_straight(lane, z, column)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def time_to_rest(lane, z, column):
+    """Return the time in which the speed falls to zero, or infinity.
+
+    The speed is taken as a parabola in time.
+    """
+    speed = lane.slip.speed
+    rate, bend = rates_at_start(lane.problem, z, column, len(lane.y) + SLIP_SPEED)
+    if speed <= BEGINNING or rate >= 0.0:
+        return np.inf
+    square = rate * rate - 2.0 * speed * bend
+    if square <= 0.0:
+        return np.inf
+    return 2.0 * speed / (sqrt(square) - rate)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def guess_beginning(lane, z, column):
+    """Guess direction and speed at the stages of the first step of a slide.
+
+    The direction follows the force, and the speed is the integral of its rate.
+    """
+    block = lane.problem.block
+    angle = lane.slip.angle
+    n = len(lane.y)
+    for i in range(STAGES):
+        state = moved(lane.y, lane.f, lane.h * POINTS[i])
+        contact, _, _ = contact_at_slip(lane, state, lane.slip)
+        angle, _ = settled_direction(contact, lane.mu, angle)
+        _, _, along, _, _ = push(contact, lane.mu, angle)
+        row = block.values + (n + SLIP_ANGLE) * STAGES + i
+        z[row * block.width + column] = angle
+        z[(block.growths + i) * block.width + column] = along
+    for i in range(STAGES):
+        speed = 0.0
+        for j in range(STAGES):
+            growth = z[(block.growths + j) * block.width + column]
+            speed += lane.h * INTEGRALS[i, j] * growth
+        row = block.values + (n + SLIP_SPEED) * STAGES + i
+        z[row * block.width + column] = speed
+
+
+@njit(**INNER)
+def squared_slip(error, speed):
+    """Return the square of the error of the velocity in the plane."""
+    across = speed * error.angle
+    return error.speed * error.speed + across * across
+
+
+@njit(**INNER)
+def squared_rounding(lane):
+    """Return the square of the rounding errors of a lane's state."""
+    speed = lane.slip.speed
+    size = 1.0 + speed * speed
+    for component in lane.y:
+        size += component * component
+    return ROUNDING * ROUNDING * size
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def squared_error(lane, z, column, rates, scale):
+    """Return the squared error of the step just tried, in units of the tolerance.
+
+    The tolerance is not smaller than rounding errors.  If the coefficients of the
+    derivative fall by ``rho`` from one degree to the next, the error at the end of a
+    step falls as ``rho^9``; this returns ``rho^8``.
+    """
+    block = lane.problem.block
+    model = lane.problem.model
+    speed = lane.slip1.speed
+    high, size = model.error(block.fifth(rates), lane.y1, lane.constants)
+    high += squared_slip(Slip(*block.fifth_slip(rates)), speed)
+    low, _ = model.error(block.third(rates), lane.y1, lane.constants)
+    low += squared_slip(Slip(*block.third_slip(rates)), speed)
+    fall = high / (low + TINY)
+    error = high * fall * fall
+    if model.pivot is not None:
+        error += squared_error_of_spin(lane, z, column, rates)
+    return error * lane.h * lane.h / max(size / scale, squared_rounding(lane))
+
+
+@njit(**INNER)
+def stretch(lane):
+    """Return the ratio of the next step to the step just tried.
+
+    If errors rose with respect to the last step, they are expected to go on rising
+    (Gustafsson).
+    """
+    root = rough_root(lane.error + LEAST_SLIDING_ERROR)
+    # Squared errors rise as h^18, of which this is about the root.
+    rise = root * root * root * sqrt(root)
+    lane.rise = rise
+    ratio = SAFE_SHARE / rise
+    if lane.past_h > 0.0:
+        trend = lane.h / lane.past_h * lane.past_rise / rise
+        ratio = ratio * trend if trend < 1.0 else ratio
+    return min(MOST_STRETCH, max(LEAST_STRETCH, ratio))
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def squared_error_of_spin(lane, z, column, rates):
+    """Return the square of the error of the spin in a step of size 1.
+
+    The torque of the patch falls fast as the slide begins, and its coefficients may be
+    small by chance.  Where the sliding is as fast as the patch turns at its rim, the
+    torque has only two derivatives, so the error is of the order 2.5 there.
+    """
+    block = lane.problem.block
+    model = lane.problem.model
+    third = model.spin_rate(lane.y1, block.third(rates)) ** 2
+    fourth = model.spin_rate(lane.y1, block.fourth(rates)) ** 2
+    fifth = model.spin_rate(lane.y1, block.fifth(rates)) ** 2
+    fall = fifth / (fourth + TINY)
+    fall = min(1.0, max(fifth / (third + TINY), fall * fall))
+    error = fifth * fall * fall
+    lever = lane.constants[-2]
+    before = slip_of_patch(model.spin(lane.y), lever, lane.mu * lane.slip.speed)
+    after = slip_of_patch(model.spin(lane.y1), lever, lane.mu * lane.slip1.speed)
+    if (before < 1.0) != (after < 1.0):
+        width = min(MOST_WIDTH, abs(after - before))
+        normal = block.forces(z, column)[STAGES - 1]
+        torque = KINK * width * width * sqrt(width) * lever * normal
+        error += (torque / lane.constants[2]) ** 2
+    return SPIN_WEIGHT * SPIN_WEIGHT * error
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def observe(lane, contact_recorded, limit_half, lift_half):
+    """Compute spin and amplitude at the end of the step just tried, and what is due.
+
+    The limit and the negative normal force in the middle of the step are given.
+    """
+    model = lane.problem.model
+    lane.n1 = model.spin(lane.y1)
+    lane.rate1 = model.spin_rate(lane.y1, lane.f1)
+    lane.amplitude = model.amplitude(lane.y1, lane.probe)
+    angle = lane.h * lane.swing
+    start = turned_over(lane.limit0)
+    end = turned_over(lane.limit1)
+    dips = glance(start, -limit_half, end, angle).value > 0.0
+    lane.leaves = 1.0 if dips or not lane.limit1.value > 0.0 else 0.0
+    lane.watched = lane.leaves
+    seen = glance(lane.lift0, lift_half, lane.lift1, angle)
+    most = -lane.normal_min
+    lifts = contact_recorded and seen.value > most + least_above(most)
+    lane.lift_peak = peak_if(lifts, seen)
+    # The ratio is that of friction.
+    lane.ratio_peak = Peak(0.0, 0.0, 0.0)
+    lane.watched += 1.0 if lifts else 0.0
+    if lane.slip1.speed == 0.0:
+        lane.watched += 1.0
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def note_forces(lane, z, column):
+    """Set the limit and the forces at the end of a step from those at its stages.
+
+    Return the limit and the negative normal force in the middle.
+    """
+    forces = lane.problem.block.forces(z, column)
+    normal = forces[STAGES - 1]
+    margin = forces[2 * STAGES - 1]
+    normal_rate = 0.0
+    margin_rate = 0.0
+    normal_half = 0.0
+    margin_half = 0.0
+    for i in range(STAGES):
+        normal_half += MIDDLE[i] * forces[i]
+        margin_half += MIDDLE[i] * forces[STAGES + i]
+        normal_rate += END_RATES[i] * forces[i]
+        margin_rate += END_RATES[i] * forces[STAGES + i]
+    normal_rate /= lane.h
+    margin_rate /= lane.h
+    left = lane.problem.modes.left
+    ahead = DIFFERENCE / lane.swing
+    height = left(lane, lane.y1)
+    later = left(lane, moved(lane.y1, lane.f1, ahead))
+    below = Point(lane.h, height, (later - height) / ahead)
+    lane.limit1 = both_of(Point(lane.h, margin, margin_rate), below)
+    lane.lift1 = Point(lane.h, -normal, -normal_rate)
+    lane.ratio1 = Point(lane.h, lane.mu, 0.0)
+    return both(margin_half, left(lane, middle(lane))), -normal_half
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def set_limit(lane):
+    """Set the limit and the forces where a slide begins or its speed is zero."""
+    ahead = DIFFERENCE / lane.swing
+    slip = lane.slip1
+    now = motion_of(lane, lane.y1, slip)
+    state = moved(lane.y1, now.f, ahead)
+    speed = max(BEGINNING, slip.speed + ahead * now.slip.speed)
+    later = motion_of(lane, state, Slip(speed, slip.angle, slip.work))
+    # Where the angle is stiff, it follows the force at once, as in an implicit step.
+    turn = ahead * later.slip.angle / (1.0 + ahead * abs(later.stiffness))
+    later = motion_of(lane, state, Slip(speed, slip.angle + turn, slip.work))
+    left = lane.problem.modes.left
+    limit = both(now.margin, left(lane, lane.y1))
+    later_limit = both(later.margin, left(lane, state))
+    lane.limit1 = Point(lane.h, limit, (later_limit - limit) / ahead)
+    lane.lift1 = Point(lane.h, -now.normal, (now.normal - later.normal) / ahead)
+    lane.ratio1 = Point(lane.h, lane.mu, 0.0)
+
+
+@njit(**INNER)
+def hold_back(lane):
+    """Copy the start of a step that is not taken to its end, with its forces."""
+    runs.hold_back(lane)
+    lane.limit1 = lane.limit0
+    lane.ratio1 = lane.ratio0
+    lane.lift1 = lane.lift0

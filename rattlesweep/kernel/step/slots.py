@@ -1,0 +1,314 @@
+"""Which lanes step in a block: those that slide take its columns in turns."""
+
+# mypy: ignore-errors
+
+from math import sqrt
+
+import numpy as np
+from numba import njit
+
+from rattlesweep.compiling.intrinsics import (
+    INNER,
+    lowest_bit,
+    widest_vectors,
+)
+from rattlesweep.kernel import runs
+from rattlesweep.kernel.state.fields import (
+    SLIDING,
+    STEP,
+    Slip,
+)
+from rattlesweep.kernel.state.lane import lane_of
+from rattlesweep.kernel.state.statuses import (
+    JAMMED,
+    STEP_TOO_SMALL,
+)
+from rattlesweep.kernel.step.sliding_step import (
+    BEGINNING,
+    FAILED,
+    contact_at_slip,
+    guess_beginning,
+    hold_back,
+    load_column,
+    look_ahead,
+    note_forces,
+    observe,
+    set_limit,
+    squared_error,
+    stretch,
+    time_to_rest,
+)
+from rattlesweep.kernel.step.to_rest import (
+    LAST_ANGLE,
+    LEAST_LEFT,
+    MOST_LEFT,
+    SHORTEST_ANGLE,
+    fall_to_rest,
+    observe_ends,
+    rest_after,
+    stay,
+    step_to_rest,
+    turn_to_rest,
+)
+from rattlesweep.physics.full import FASTMATH
+from rattlesweep.physics.sliding import (
+    meets_singularity,
+)
+
+# Columns of a block in which a turn goes on, if lanes that roll step in the same turn.
+FEWEST_SLIDING = 4
+# Columns that are left for the next turn otherwise.
+FEWEST_BUSY = 6
+# Columns that become free before others take their places.
+FEWEST_FREE = 3
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def end_or_load(lane, z, column, scale, contact_recorded):
+    """Return whether the step is one of a block, and copy it there.
+
+    Otherwise the slide ends with it, or is jammed.
+    """
+    load_column(lane, z, column, scale)
+    time = time_to_rest(lane, z, column)
+    angle = time * lane.swing
+    searches = lane.search != STEP
+    if angle < LAST_ANGLE:
+        rest = rest_after(lane, time, scale)
+        if rest.steady:
+            if rest.time < lane.h and not searches:
+                lane.h = rest.time
+                lane.last = 0.0
+            step_to_rest(lane, rest)
+            observe_ends(lane, contact_recorded)
+            return False
+    if angle < SHORTEST_ANGLE:
+        mean, direction, time, falls = fall_to_rest(lane)
+        if not falls and not searches:
+            contact, _, _ = contact_at_slip(lane, lane.y, lane.slip)
+            if meets_singularity(contact, lane.mu, lane.slip.angle):
+                lane.refused = JAMMED
+                stay(lane)
+                return False
+        if time > 0.0:
+            # After rejected steps the rest may be further away than the next step goes.
+            if not searches and (time < lane.h or lane.last == 0.0):
+                lane.h = time
+                lane.last = 0.0
+            turn_to_rest(lane, mean, direction, time)
+            set_limit(lane)
+            observe_ends(lane, contact_recorded)
+            return False
+        # The speed rises by now.
+        time = np.inf
+    if not searches:
+        # The cubic term of the speed may bring the rest nearer, and errors matter the
+        # less the shorter the rest is.
+        left = min(MOST_LEFT, max(LEAST_LEFT, 0.5 * sqrt(angle)))
+        if time * (1.0 - left) < lane.h:
+            lane.h = time * (1.0 - left)
+            lane.last = 0.0
+    look_ahead(lane, z, column)
+    return True
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def take_from(lane, z, column, scale, contact_recorded):
+    """Copy the end of a step from a block, with its error and what is observed."""
+    block = lane.problem.block
+    lane.y1 = block.state(z, column)
+    lane.slip1 = Slip(*block.slip(z, column))
+    lane.f1 = block.rate(z, column)
+    solved = z[block.busy * block.width + column] == 0.0
+    if not (solved and lane.slip1.speed > 0.0):
+        # Nothing is observed at the end of a step that is not taken.
+        hold_back(lane)
+        lane.leaves = lane.watched = 0.0
+        lane.error = FAILED
+        lane.tried_h = 0.0
+        return
+    rates = block.rates(z, column)
+    lane.error = squared_error(lane, z, column, rates, scale)
+    lane.tried = rates
+    lane.tried_h = lane.h
+    lane.stretch = stretch(lane)
+    limit_half, lift_half = note_forces(lane, z, column)
+    observe(lane, contact_recorded, limit_half, lift_half)
+
+
+@njit(**INNER)
+def lane_in(problem, w, z, column):
+    """Return the lane whose step is in a column."""
+    block = problem.block
+    return lane_of(problem, w, int(z[block.lane * block.width + column]) - 1)
+
+
+@njit(**INNER)
+def fill_columns(problem, w, z, waiting, free, scale, contact_recorded):
+    """Let lanes take free columns; return those that still wait, and free columns."""
+    block = problem.block
+    before = free
+    while waiting != 0 and free != 0:
+        l = lowest_bit(waiting)
+        waiting &= waiting - 1
+        lane = lane_of(problem, w, l)
+        column = lowest_bit(free)
+        if end_or_load(lane, z, column, scale, contact_recorded):
+            free &= free - 1
+            z[block.lane * block.width + column] = l + 1.0
+    taken = before & ~free
+    if taken != 0:
+        block.predict(problem, z)
+    while taken != 0:
+        column = lowest_bit(taken)
+        taken &= taken - 1
+        lane = lane_in(problem, w, z, column)
+        if lane.slip.speed <= BEGINNING:
+            guess_beginning(lane, z, column)
+    return waiting, free
+
+
+@njit(**INNER)
+def empty(problem, w, z, free, scale, contact_recorded):
+    """Take the steps whose equations are solved, or cannot be; return free columns."""
+    block = problem.block
+    for column in range(block.width):
+        if (free >> column) & 1 == 0 and z[block.busy * block.width + column] <= 0.0:
+            lane = lane_in(problem, w, z, column)
+            take_from(lane, z, column, scale, contact_recorded)
+            z[block.lane * block.width + column] = 0.0
+            free |= 1 << column
+    return free
+
+
+@njit(**INNER)
+def plan_sliding(problem, w):
+    """Return what `ModeSet.plan` does: whether lanes roll, and whether some slide."""
+    widest_vectors()
+    others = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        others += 1 if (lane.refused > 0.0) | (lane.mode == SLIDING) else 0
+    if others == 0:
+        return True, False
+    return plan_turn(problem, w), True
+
+
+@njit(**INNER)
+def plan_turn(problem, w):
+    """Return whether the lanes that roll try a step in this turn, or wait.
+
+    Their step takes as long for one of them as for all, so they wait while most lanes
+    slide.  This changes nothing of a run.
+    """
+    rolling = 0
+    sliding = 0
+    watched = 0.0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        busy = lane.run >= 0.0
+        slides = lane.mode == SLIDING
+        sliding += 1 if busy & slides else 0
+        rolling += 1 if busy & (not slides) else 0
+        watched += lane.watched
+    rolls = (rolling >= sliding) | (watched > 0.0)
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        waits = (not rolls) & (lane.mode != SLIDING)
+        lane.waits = 1.0 if waits else 0.0
+    if not rolls:
+        for l in range(problem.lanes):
+            lane = lane_of(problem, w, l)
+            if lane.waits > 0.0:
+                hold_back(lane)
+    return rolls
+
+
+@njit(**INNER)
+def sliding_lanes(problem, w):
+    """Return which lanes slide, as bits."""
+    bits = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        lane.stretch = 0.0
+        if lane.refused > 0.0:
+            lane.waits = 0.0
+            stay(lane)
+        bits |= (1 if (lane.refused == 0.0) & (lane.mode == SLIDING) else 0) << l
+    return bits
+
+
+@njit(**INNER)
+def decide_sliding(problem, w, due):
+    """Decide on lanes that slide or wait, after all others; return which are due.
+
+    A slide has its own ratio of two steps.  A lane that waits tries its step again.
+    """
+    waiting = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        waits = lane.waits > 0.0
+        # Lanes that are due are looked at later.
+        moves = (lane.mode == SLIDING) & (lane.accept > 0.0) & ((due >> l) & 1 == 0)
+        if moves and runs.stalls(lane, True):
+            lane.refused = STEP_TOO_SMALL
+        if lane.stretch > 0.0:
+            ratio = min(lane.stretch, 1.0) if lane.held > 0.0 else lane.stretch
+            lane.h_next = min(lane.h * ratio, lane.h_longest)
+        if waits:
+            lane.h_next = lane.h
+            lane.root = lane.root0
+            lane.accept = 0.0
+            waiting |= 1 << l
+    return due & ~waiting
+
+
+def slide_lanes(problem, w, scale, contact_recorded, fewest):
+    """Try a step on lanes that slide.
+
+    Each column of the block takes the next lane once its own step is solved.  If fewer
+    columns than ``fewest`` are left, their lanes wait, and go on in the next turn.
+
+    The block is at the end of the workspace.
+    """
+    block = problem.block
+    z = w[w.size - block.rows * block.width :]
+    waiting = sliding_lanes(problem, w)
+    free = 0
+    for column in range(block.width):
+        l = int(z[block.lane * block.width + column]) - 1
+        if l < 0:
+            free |= 1 << column
+        else:
+            waiting &= ~(1 << l)
+    fewest = min(fewest, FEWEST_BUSY)
+    some = False
+    while True:
+        waiting, free = fill_columns(
+            problem, w, z, waiting, free, scale, contact_recorded
+        )
+        busy = block.width - bits_of(free)
+        if busy == 0 or (some and waiting == 0 and busy < fewest):
+            break
+        # Fewer are left in the end, or before others come.
+        few = max(0, busy - FEWEST_FREE) if waiting != 0 else max(0, fewest - 1)
+        few = min(few, busy - 1)
+        while block.iterate(problem, z) > few:
+            pass
+        free = empty(problem, w, z, free, scale, contact_recorded)
+        some = True
+    for column in range(block.width):
+        if (free >> column) & 1 == 0:
+            lane = lane_in(problem, w, z, column)
+            hold_back(lane)
+            lane.waits = 1.0
+
+
+@njit(**INNER)
+def bits_of(bits):
+    """Return the number of bits that are set."""
+    count = 0
+    while bits != 0:
+        bits &= bits - 1
+        count += 1
+    return count

@@ -1,0 +1,517 @@
+"""The lane kernel: many runs at once, each with its own step.
+
+A thread holds :data:`~rattlesweep.kernel.state.fields.LANES` runs.  Every turn tries
+one step on all of them (the generated ``attempt``) and decides on all of them, in loops
+over lanes that vectorise.  It looks closer only at lanes where something is due: a
+rejection, a possible zero of the spin, the end of a window or of the run.  A lane whose
+run has ended takes the next run from a queue that all threads share.  The arithmetic of
+a run depends on its own numbers alone, so it yields the same bits in any lane, thread
+and batch.
+
+``attempt`` is compiled for each method and model, ``slide_lanes`` for each model that
+slides, `looks.look_within` for each model whose steps are looked into,
+:func:`decide_closely` once for all models.  They are called by their addresses
+(``parts``).  Sweeps (:func:`work_off`) and
+trajectories (`follow.record_steps`) are made of the same turns: :func:`try_step`,
+:func:`look_closer` at the lanes that are due, :func:`commit`.
+"""
+
+# mypy: ignore-errors
+from math import isfinite, sqrt
+from typing import NamedTuple
+
+from numba import njit, prange
+
+from rattlesweep.compiling.intrinsics import (
+    INNER,
+    call,
+    call_for_pair,
+    fetch_add,
+    lowest_bit,
+    rough_root,
+    widest_vectors,
+)
+from rattlesweep.kernel import runs
+from rattlesweep.kernel.event import looks, peaks, zeros
+from rattlesweep.kernel.event.zeros import (
+    ARRIVED,
+    HOLD,
+    REVERSED,
+    TAKE,
+    may_be_far,
+    may_reverse,
+)
+from rattlesweep.kernel.runs import recorded
+from rattlesweep.kernel.state.fields import HELD, NEVER, PEAK, PIVOTING, STEP, Point
+from rattlesweep.kernel.state.lane import lane_of
+from rattlesweep.kernel.state.statuses import (
+    AT_LIMIT,
+    NONFINITE,
+    OK,
+    RIM,
+    STEP_LIMIT,
+    STEP_TOO_SMALL,
+)
+from rattlesweep.kernel.step import slots
+from rattlesweep.kernel.step.radau import WIDTH
+
+
+class Options(NamedTuple):
+    """How a kernel integrates."""
+
+    scale: float  # 1 / tol^2
+    fixed_step: float  # of SUBSTEPS substeps
+    most_steps: float
+
+
+# Indices into ``parts``: the addresses of ``attempt``, of :func:`decide_closely`, of
+# :func:`looks.look_within` where :func:`looks_within` says so, and of
+# :func:`slides.slide_lanes` for a model that slides.
+ATTEMPT, DECIDE, LOOK, SLIDE = range(4)
+# Stages of :func:`decide_closely`: the zeros in a step tried, those after an event that
+# was found in it, the extremes in a step that is to be taken.
+ZEROS, AFTER_EVENT, PEAKS = 0, 1, 2
+# Columns of ``progress``, which each thread writes in its row: the expected cost of its
+# runs that have ended, the part done of the expected cost of those in its lanes, the
+# number of runs that have ended.
+COST_DONE, COST_UNDER_WAY, ENDED = range(3)
+# Places in ``shared``: the next place in the queue, the stop flag.
+NEXT_PLACE, STOP = 0, 1
+TURNS_PER_REPORT = 256
+
+# Step size control.  Errors are squared and in units of the tolerance. First step for a
+# tolerance of 1, and least step, in radians of the fastest swing of the spin.
+FIRST_STEP_ANGLE = 6.0
+LEAST_ANGLE = 1e-9
+SAFETY = 0.95
+SAFETY_REJECTED = 0.85
+# Least ratio of two steps after a rejection; the least error limits the ratio to 7.3
+# otherwise.
+SHRINK = 0.2
+LEAST_ERROR = 1e-30
+
+
+@njit(**INNER)
+def ends_at_limit(lane, move):
+    """Return whether a step that is taken ends at the limit of its mode."""
+    return move == TAKE and lane.h == lane.h_limit
+
+
+@njit(**INNER)
+def reject(problem, lane, max_steps):
+    """Let the step just tried be tried again, and shorter; return a status."""
+    lane.rejected += 1.0
+    lane.held = 1.0
+    # If the error is NaN, this comparison is false, and the step shrinks by SHRINK.
+    ratio = SAFETY_REJECTED / sqrt(sqrt(sqrt(sqrt(lane.error + LEAST_ERROR))))
+    lane.h_next = lane.h * (ratio if ratio > SHRINK else SHRINK)
+    if not problem.adaptive:
+        return NONFINITE
+    if lane.steps + lane.rejected >= max_steps:
+        return STEP_LIMIT
+    if lane.h * lane.swing < LEAST_ANGLE:
+        return STEP_TOO_SMALL if isfinite(lane.error) else NONFINITE
+    return OK
+
+
+def decide_closely(problem, w, l, max_steps, stage):
+    """Decide on the step tried on lane ``l``, where something is due.
+
+    The problem has no model.  Returns a status, which is OK if the run goes on, and a
+    move: HOLD (the step is not taken), TAKE, REVERSED (the step is taken and ends at a
+    zero of the spin), or ARRIVED (the spin is as far as awaited within the step).
+    """
+    lane = lane_of(problem, w, l)
+    if stage == ZEROS:
+        move = search_zeros(lane)
+    elif stage == AFTER_EVENT:
+        move = zeros.search_on(lane, lane.h)
+    else:
+        move = peaks.search_peaks(lane)
+    lane.accept = 0.0 if move == HOLD else 1.0
+    if move == HOLD:
+        return OK, HOLD
+    if ends_at_limit(lane, move):
+        return AT_LIMIT, TAKE
+    return STEP_LIMIT if lane.steps >= max_steps else OK, move
+
+
+@njit(**INNER)
+def search_zeros(lane):
+    """Make one move of the searches for zeros in the step just tried."""
+    move = TAKE
+    if lane.search == STEP:
+        # No step has this size; one that ends at a limit may have the size zero.
+        lane.h_limit = -1.0
+        if lane.arm > 0.0:
+            # No zero counts yet; UNKNOWN_RATE makes every step due (`may_reverse`).
+            lane.rate_max = runs.UNKNOWN_RATE
+            lane.far_rate = max(0.9 * lane.far_rate, abs(lane.rate1))
+    reverses = may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
+    leaves = lane.leaves > 0.0 or (lane.mode == PIVOTING and reverses)
+    if lane.searched == zeros.LIMIT or (lane.search == STEP and leaves):
+        move = zeros.search_limit(lane)
+    if move != TAKE:
+        return move
+    crosses = reverses and zeros.counts_zeros(lane) and lane.sign != 0.0
+    if lane.search == STEP and not crosses and not may_be_far(lane):
+        return TAKE
+    start = Point(0.0, lane.n0, lane.rate0)
+    return zeros.search(lane, start, Point(lane.h, lane.n1, lane.rate1))
+
+
+@njit(**INNER)
+def decide(problem, w, dt, max_steps):
+    """Decide on the step tried on every lane, and return which lanes are due, as bits.
+
+    Of a lane all is read before any is written (:func:`commit`).
+    """
+    widest_vectors()
+    bits = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        h = lane.h
+        error = lane.error
+        accept = error <= 1.0
+        root = 1.0
+        h_next = dt
+        if problem.adaptive:
+            # PI control of low gain (docs/design.md); no growth right after a
+            # rejection.
+            root = rough_root(error + LEAST_ERROR)
+            ratio = SAFETY * lane.root0 / (root * root)
+            h_next = h * (1.0 if (lane.held > 0.0) & (ratio > 1.0) else ratio)
+            longest = lane.h_longest
+            h_next = h_next if h_next < longest else longest
+        reverses = may_reverse(h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
+        if problem.model.n_tangents > 1:
+            reverses &= lane.sign != 0.0
+        if problem.pivots:
+            reverses &= lane.mode != HELD
+        # With 'or' instead of '|' the later operands would be loaded under a mask.
+        due = (
+            reverses
+            | (lane.last > 0.0)
+            | (lane.search > 0.0)
+            | (lane.t + h >= lane.next)
+            | (lane.steps >= max_steps)
+            | (lane.watched > 0.0)
+            | (not accept)
+        )
+        bits |= (1 if due else 0) << l
+        lane.h_next = h_next
+        lane.root = root
+        lane.accept = 1.0 if accept else 0.0
+    return bits
+
+
+@njit(**INNER)
+def commit(problem, w):
+    """Move all lanes to the end of the step tried, and set their next step.
+
+    No load or store is masked, as masked ones are slow with AVX2.  All of a lane is
+    read before any of it is written: a processor lets a load wait for an earlier store
+    to an address that is the same modulo 4 KiB, as it is 16 rows further.
+    """
+    widest_vectors()
+    runs.advance(problem, w)
+    problem.modes.advance(problem, w)
+    problem.tangents.advance(problem, w)
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        accept = lane.accept
+        steps = lane.steps
+        held = lane.held
+        root = lane.root
+        n1 = lane.n1
+        signed = lane.sign * n1
+        least = lane.n_least
+        now = lane.amplitude
+        largest = lane.a_max
+        rate1 = lane.rate1
+        rate = abs(rate1)
+        recent = (1.0 - 0.1 * accept) * lane.rate_max
+        # Compensated sum, so that a million steps do not add up rounding errors.
+        t0 = lane.t
+        part = lane.h * accept - lane.t_low
+        t1 = t0 + part
+        # Steps of a search stay within the step it began with; others must not pass the
+        # horizon.
+        h_next = lane.h_next
+        searching = 1.0 if lane.search > 0.0 else 0.0
+        left = (lane.t_end - t1) + NEVER * searching
+        kept = lane.last * searching
+        lane.steps = steps + accept
+        lane.held = held * (1.0 - accept)
+        lane.root0 = root
+        lane.n0 = n1
+        lane.n_least = (signed if signed < least else least) + 0.0
+        lane.a_max = (now if now > largest else largest) + 0.0
+        lane.rate0 = rate1
+        lane.rate_max = rate if rate > recent else recent
+        lane.t = t1
+        lane.t_low = (t1 - t0) - part
+        lane.last = 1.0 if h_next >= left else kept
+        lane.h = left if h_next >= left else h_next
+        lane.watched = 0.0
+
+
+@njit(**INNER)
+def watch(problem, w, recording):
+    """Update the records of lanes whose step was accepted."""
+    if problem.limited:
+        runs.advance_limit(problem, w)
+    if not is_recording(recording):
+        return
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        if lane.accept == 0.0:
+            continue
+        if recorded(recording.energy) and lane.energy0 > 0.0:
+            off = abs(problem.modes.energy(lane) - lane.energy0)
+            lane.drift_max = max(lane.drift_max, off / lane.energy0)
+        if recorded(recording.contact):
+            runs.note_contact(lane)
+        if recorded(recording.windows):
+            lane.window_n_min = min(lane.window_n_min, lane.n1)
+            lane.window_n_max = max(lane.window_n_max, lane.n1)
+        if recorded(recording.reversals):
+            runs.note_turn(lane, recording.reversals)
+        if recorded(recording.volume):
+            lane.volume += lane.h * lane.volume_rate1
+        if recorded(recording.contact):
+            runs.start_points(lane)
+
+
+@njit(**INNER)
+def is_recording(recording):
+    """Return whether something is recorded of each accepted step."""
+    return (
+        recorded(recording.energy)
+        or recorded(recording.contact)
+        or recorded(recording.windows)
+        or recorded(recording.reversals)
+        or recorded(recording.volume)
+    )
+
+
+@njit(**INNER)
+def looks_within(recording):
+    """Return whether steps are looked into."""
+    return (
+        recorded(recording.contact)
+        or recorded(recording.reversals)
+        or recorded(recording.marks)
+    )
+
+
+@njit(**INNER)
+def look(problem, parts, w, stage, recording):
+    """Look into the steps tried on all lanes."""
+    kept = recorded(recording.contact), recorded(recording.reversals), recording.marks
+    call(parts[LOOK], (problem, w, stage, *kept))
+
+
+@njit(forceinline=True, **INNER)
+def try_step(problem, parts, w, options, recording):
+    """Try a step on every lane, decide on it, and return which lanes are due.
+
+    Lanes may wait for a turn that more lanes share (`slides.plan_sliding`).
+    """
+    rolls, some_slide = problem.modes.plan(problem, w)
+    if rolls:
+        call(parts[ATTEMPT], (problem, w, options.scale))
+        problem.modes.observe_limit(problem, w)
+        if recorded(recording.contact):
+            look(problem, parts, w, looks.ROLLED, recording)
+    if problem.slides and some_slide:
+        # Lanes that slide replace what was done to them.
+        fewest = slots.FEWEST_SLIDING if rolls else WIDTH
+        arguments = problem, w, options.scale, recorded(recording.contact), fewest
+        call(parts[SLIDE], arguments)
+    if looks_within(recording):
+        look(problem, parts, w, looks.STEPPED, recording)
+    due = decide(problem, w, options.fixed_step, options.most_steps)
+    if some_slide:
+        due = problem.modes.decide(problem, w, due)
+    return due
+
+
+@njit(forceinline=True, **INNER)
+def look_closer(problem, parts, w, l, max_steps, recording):
+    """Decide on the step tried on lane ``l``, which is due; return a status and a move.
+
+    At a limit the lane may change its mode.
+    """
+    lane = lane_of(problem, w, l)
+    if problem.modes.left(lane, lane.y) <= 0.0:
+        # It was launched beyond the rim, and ends there.
+        lane.accept = 0.0
+        lane.h = 0.0
+        lane.last = 0.0
+        runs.hold_back(lane)
+        return RIM, TAKE
+    status, move = search_closely(problem, parts, w, l, max_steps, recording)
+    if status in (OK, AT_LIMIT) and runs.stalls(lane, move != HOLD):
+        status = STEP_TOO_SMALL
+        move = HOLD
+        # The last point tried is no end of a step.
+        lane.h = 0.0
+        runs.hold_back(lane)
+    if status == AT_LIMIT:
+        # The step ends before the horizon.
+        lane.last = 0.0
+    if status != OK or move != HOLD:
+        status, move = problem.modes.change(lane, status, move, recording)
+    return status, move
+
+
+@njit(forceinline=True, **INNER)
+def search_closely(problem, parts, w, l, max_steps, recording):
+    """Search the step tried on lane ``l``; return a status and a move.
+
+    First come zeros, which say where the step ends, and then, if it is taken, extremes
+    and marks within it.  If :func:`runs.goes_on`, a run goes on after a zero of the
+    spin.
+    """
+    lane = lane_of(problem, w, l)
+    if lane.search == STEP and lane.accept == 0.0:
+        return reject(problem, lane, max_steps), HOLD
+    if lane.search < PEAK:
+        problem.modes.look(lane)
+        status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, ZEROS))
+        goes_on = runs.goes_on(problem, recording)
+        while move == ARRIVED or (move == REVERSED and goes_on):
+            if move == ARRIVED:
+                runs.note_far(lane, recording.reversals)
+            else:
+                t = lane.t + (lane.h - lane.t_low)
+                runs.note_zero(lane, t, recording.reversals)
+            status, move = call_for_pair(
+                parts[DECIDE], (problem, w, l, max_steps, AFTER_EVENT)
+            )
+        if move == TAKE and lane.t_zero >= 0.0 and not recorded(recording.reversals):
+            # Only the first zero is asked for.
+            lane.sign = 0.0
+        # What to return once the extremes are found.
+        lane.move = move
+        if status not in (OK, AT_LIMIT) or move == HOLD or lane.watched == 0.0:
+            return status, move
+    status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, PEAKS))
+    if recorded(recording.marks):
+        runs.note_mark(lane, recording.marks)
+    return status, move
+
+
+@njit(**INNER)
+def under_way(problem, w, plan):
+    """Return the part done of the expected cost of the runs in the lanes."""
+    done = 0.0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        run = int(lane.run)
+        if run >= 0:
+            share = min(1.0, lane.t / plan[run]["horizon"])
+            done += share * plan[run]["cost"]
+    return done
+
+
+@njit(**INNER)
+def next_run(lane, shared, order, inputs):
+    """Start the next run of the queue in a lane; return whether there was one."""
+    place = fetch_add(shared, NEXT_PLACE, 1)
+    if place < order.size:
+        runs.start(lane, order[place], inputs)
+        return True
+    runs.idle(lane)
+    return False
+
+
+def work_off(
+    problem,
+    thread,
+    parts,
+    w,
+    shared,
+    order,
+    inputs,
+    options,
+    progress,
+    outputs,
+    recording,
+):
+    """Integrate runs of the queue in one thread, until it is empty or a stop is asked.
+
+    ``parts`` are addresses, ``w`` is the thread's workspace, ``order`` the queue.
+    """
+    widest_vectors()
+    plan = inputs.plan
+    watching = problem.limited or is_recording(recording)
+    max_steps = options.most_steps
+    busy = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        if next_run(lane, shared, order, inputs):
+            busy += 1
+    turns = 0
+    while busy > 0:
+        due = try_step(problem, parts, w, options, recording)
+        while due != 0:
+            l = lowest_bit(due)
+            due &= due - 1
+            lane = lane_of(problem, w, l)
+            run = int(lane.run)
+            if run < 0:
+                lane.accept = 0.0
+                lane.h_next = 0.0
+                runs.hold_back(lane)
+                continue
+            status, move = look_closer(problem, parts, w, l, max_steps, recording)
+            t = lane.t + (lane.h - lane.t_low)
+            reversal = move == REVERSED
+            ended = status != OK or reversal
+            if move == TAKE and lane.last > 0.0 and status != AT_LIMIT:
+                t = lane.t_end
+                ended = True
+            if move == TAKE and not ended and t >= lane.next:
+                runs.compare_due(lane, t, run, recording)
+                ended = runs.settled(lane, plan[run]["settled"])
+            if ended:
+                lane.steps += 1.0
+                runs.finish(lane, status, reversal, t, run, outputs, recording)
+                progress[thread, COST_DONE] += plan[run]["cost"]
+                progress[thread, ENDED] += 1.0
+                if not next_run(lane, shared, order, inputs):
+                    busy -= 1
+                lane.accept = 0.0
+            if lane.accept == 0.0:
+                runs.hold_back(lane)
+        if watching:
+            watch(problem, w, recording)
+        commit(problem, w)
+        turns += 1
+        if turns % TURNS_PER_REPORT == 0:
+            if fetch_add(shared, STOP, 0) != 0:
+                return
+            progress[thread, COST_UNDER_WAY] = under_way(problem, w, plan)
+    progress[thread, COST_UNDER_WAY] = 0.0
+
+
+def drive(
+    address,
+    parts,
+    threads,
+    w,
+    shared,
+    order,
+    inputs,
+    options,
+    progress,
+    outputs,
+    recording,
+):
+    """Call :func:`work` by its address on each thread: one driver for all problems."""
+    for thread in prange(threads):
+        own = thread, parts, w[thread]
+        common = shared, order, inputs, options, progress, outputs, recording
+        call(address, own + common)

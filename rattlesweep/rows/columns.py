@@ -1,0 +1,719 @@
+"""The columns of the table `runs` (a row per run): names, units, meanings and sources.
+
+Columns come in groups, which a sweep has or lacks as a whole.  A column's source is a
+function of the results of a block of runs.  The names are fixed, so that scripts
+written against today's tables read next year's.
+"""
+
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeAlias
+
+import pyarrow as pa
+
+from rattlesweep.rows.arrow import _SERIES, F64, FLAG, I32, I64, TEXT, Values, field
+from rattlesweep.rows.results import Results
+from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.names import REGIMES
+from rattlesweep.words.quantities import (
+    CONSTANT_OF_SURFACE,
+    ENERGY,
+    FORCE,
+    LOSSES,
+    MEASURES,
+    QUANTITIES,
+    RATE,
+    TIME,
+    Definition,
+)
+
+_Source: TypeAlias = Callable[[Results], Values]
+"""Function of the results of a block that returns a column."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of `runs`, and where its value comes from.
+
+    A name in :data:`rattlesweep.words.quantities.QUANTITIES` has its unit and meaning
+    from there; only the others are given here.
+    """
+
+    name: str
+    type: pa.DataType
+    source: _Source
+    unit: str = "1"
+    meaning: str = ""
+    # Appended to the meaning: what a null means, or a sign.
+    note: str = ""
+    formula: str = ""
+    nullable: bool = True
+    # Whether `bodies.refine.by` may compare it.
+    refines: bool = False
+
+    @property
+    def definition(self) -> Definition:
+        """Symbol, unit and meaning."""
+        if self.name in QUANTITIES:
+            return QUANTITIES[self.name]
+        return Definition(self.name, self.unit, self.meaning, formula=self.formula)
+
+    @property
+    def field(self) -> pa.Field:
+        """The column of the Arrow schema."""
+        definition = self.definition
+        meaning = definition.meaning
+        if self.note:
+            meaning = f"{meaning}; {self.note}"
+        return field(self.name, self.type, definition.unit, meaning, self.nullable)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns that a sweep has together."""
+
+    name: str
+    # In the documentation; groups with one heading share a table.
+    heading: str
+    columns: tuple[Column, ...]
+    # Whether only sweeps that ask for the group have it.
+    optional: bool = False
+    # Whether they ask for it by a word of `record`, the name.
+    recorded: bool = False
+    # Models that do not have it.
+    not_with: tuple[str, ...] = ()
+
+
+# A column without nulls.
+must = partial(Column, nullable=False)
+# Columns that a word of `record` adds.
+_recorded = partial(Group, optional=True, recorded=True)
+
+
+def of_loss(name: str) -> Column:
+    """Return the column of a constant of dissipation, such as ``sigma``."""
+    return must(name, F64, lambda runs: runs.launches.losses[name])
+
+
+def of_surface(name: str) -> Column:
+    """Return the column of a constant of the surface."""
+    return Column(
+        name,
+        F64,
+        lambda runs: runs.launches.bodies.further[name],
+        note="null: a paraboloid",
+    )
+
+
+# When there is no rate of growth: "rolling > 0 or ...", for all losses that are no
+# linear function of the angular velocity.
+NOT_LINEAR = " or ".join(
+    f"{loss.name} > 0" for loss in LOSSES.values() if not loss.is_linear
+)
+
+# What is told of a run beside the constant, for constants that some sweeps lack.
+WITH_LOSS = {
+    "pivot": (
+        Column(
+            "t_held",
+            F64,
+            lambda runs: runs.integrated.t_held,
+            TIME,
+            "first time at which the spin is held at zero; null: never",
+            refines=True,
+        ),
+        Column(
+            "held_time",
+            F64,
+            lambda runs: runs.integrated.held_time,
+            TIME,
+            "time for which the spin is held at zero",
+            refines=True,
+        ),
+        Column(
+            "pivot_work",
+            F64,
+            lambda runs: runs.integrated.pivot_work,
+            meaning="energy lost by pivoting over the initial energy",
+            refines=True,
+        ),
+    ),
+    "mu": (
+        Column(
+            "t_slide",
+            F64,
+            lambda runs: runs.integrated.t_slide,
+            TIME,
+            "begin of the first slide; null: never",
+            refines=True,
+        ),
+        must(
+            "n_slides",
+            I32,
+            lambda runs: runs.integrated.n_slides,
+            meaning="number of slides",
+            refines=True,
+        ),
+        Column(
+            "slide_time",
+            F64,
+            lambda runs: runs.integrated.slide_time,
+            TIME,
+            "time spent sliding",
+            refines=True,
+        ),
+        Column(
+            "slide_work",
+            F64,
+            lambda runs: runs.integrated.slide_work,
+            meaning="energy lost by sliding over the initial energy",
+            refines=True,
+        ),
+    ),
+}
+
+# The columns of `runs` in order.
+GROUPS = (
+    Group(
+        "keys",
+        "Keys",
+        (
+            must(
+                "case",
+                I32,
+                lambda runs: runs.launches.case,
+                meaning="number of the case, from 0",
+            ),
+            must(
+                "sample",
+                I64,
+                lambda runs: runs.launches.sample,
+                meaning="number of the run within its case, from 0",
+            ),
+        ),
+    ),
+    Group(
+        "body",
+        "Body and launch",
+        (
+            must("alpha", F64, lambda runs: runs.launches.bodies.alpha),
+            must("beta", F64, lambda runs: runs.launches.bodies.beta),
+            must("gamma", F64, lambda runs: runs.launches.bodies.gamma),
+            must("theta", F64, lambda runs: runs.launches.bodies.theta),
+            must("phi", F64, lambda runs: runs.launches.bodies.phi),
+            must("xi", F64, lambda runs: runs.launches.bodies.xi),
+            Column(
+                "f_sd",
+                F64,
+                lambda runs: runs.launches.bodies.f_sd,
+                note="null unless the source has it",
+            ),
+        ),
+    ),
+    Group(
+        "launch",
+        "Body and launch",
+        (
+            must(
+                "n_i",
+                F64,
+                lambda runs: runs.launches.n_i,
+                note="positive: unsteady direction if xi < 0",
+            ),
+            must("omega_xy0", F64, lambda runs: runs.launches.omega_xy0),
+            Column("psi", F64, lambda runs: runs.launches.psi),
+        ),
+    ),
+    Group(
+        "theory",
+        "Theory",
+        (
+            Column("omega_p", F64, lambda runs: runs.launches.modes.omega_p),
+            Column("omega_r", F64, lambda runs: runs.launches.modes.omega_r),
+            Column("K_p", F64, lambda runs: runs.launches.modes.K_p),
+            Column("K_r", F64, lambda runs: runs.launches.modes.K_r),
+            Column("n_c1", F64, lambda runs: runs.launches.n_c1, note="null: none"),
+            Column("n_0", F64, lambda runs: runs.launches.n_0),
+            Column(
+                "t_rgh", F64, lambda runs: runs.launches.gh.t_rgh, note="null: none"
+            ),
+        ),
+    ),
+    Group(
+        "result",
+        "Result",
+        (
+            must("t_end", F64, lambda runs: runs.outcome.t_end, refines=True),
+            Column(
+                "t_r",
+                F64,
+                lambda runs: runs.outcome.t_r,
+                note="null: none, or the body is dead",
+                refines=True,
+            ),
+            Column(
+                "type",
+                TEXT,
+                lambda runs: runs.type,
+                meaning="R, SS, SW, unclassified or D; null if status is not ok",
+                refines=True,
+            ),
+            must(
+                "status",
+                TEXT,
+                lambda runs: runs.status,
+                meaning="ok, or a word for what went wrong",
+            ),
+            Column(
+                "n_end",
+                F64,
+                lambda runs: runs.n_end,
+                RATE,
+                "spin at t_end; if classify.early ended the run, its limit",
+                refines=True,
+            ),
+            must(
+                "n_steps",
+                I64,
+                lambda runs: runs.outcome.n_steps,
+                meaning="accepted steps of the integrator",
+                refines=True,
+            ),
+            Column(
+                "energy_drift",
+                F64,
+                lambda runs: runs.outcome.energy_drift,
+                meaning="relative change of energy at t_end",
+                refines=True,
+            ),
+        ),
+    ),
+    Group(
+        "observation",
+        "Result",
+        (
+            Column(
+                "amp_growth",
+                F64,
+                lambda runs: runs.outcome.amp_growth,
+                meaning="largest growth of amplitude at ends of steps, between windows",
+                refines=True,
+            ),
+            Column(
+                "n_departure",
+                F64,
+                lambda runs: runs.outcome.n_departure,
+                meaning="largest fractional loss of spin at ends of steps, 1 - n/n_i",
+                refines=True,
+            ),
+            must(
+                "near_tangencies",
+                I32,
+                lambda runs: runs.outcome.near_tangencies,
+                meaning="extrema so near zero that the spin may cross it",
+            ),
+        ),
+    ),
+    *(
+        Group(
+            surface,
+            f"`bodies: {{surface: {surface}}}`",
+            (of_surface(name),),
+            optional=True,
+        )
+        for surface, name in CONSTANT_OF_SURFACE.items()
+        if name is not None
+    ),
+    Group(
+        "dissipation",
+        "`dissipation`",
+        (
+            *(of_loss(name) for name, loss in LOSSES.items() if not loss.optional),
+            Column(
+                "growth",
+                F64,
+                lambda runs: runs.growth,
+                RATE,
+                f"growth rate of the oscillation at n_i; null if {NOT_LINEAR}",
+            ),
+            Column(
+                "n_growth",
+                F64,
+                lambda runs: runs.n_growth,
+                RATE,
+                f"spin at which growth balances damping; null if {NOT_LINEAR}",
+            ),
+            Column(
+                "energy_left",
+                F64,
+                lambda runs: runs.energy_left,
+                meaning="fraction of the initial energy left at t_end",
+            ),
+        ),
+        optional=True,
+        not_with=("reduced", "gh"),
+    ),
+    *(
+        Group(
+            name,
+            f"`dissipation: {{{name}: ...}}`",
+            (of_loss(name), *WITH_LOSS.get(name, ())),
+            optional=True,
+            not_with=("reduced", "gh"),
+        )
+        for name, loss in LOSSES.items()
+        if loss.optional
+    ),
+    # By the words of `record`.  They are null for a run that failed at launch.
+    _recorded(
+        "energy",
+        "`record: [energy]`",
+        (
+            Column(
+                "energy_0",
+                F64,
+                lambda runs: runs.integrated.energy_0,
+                ENERGY,
+                "energy at launch",
+            ),
+            Column(
+                "energy_drift_max",
+                F64,
+                lambda runs: runs.integrated.energy_drift_max,
+                meaning="largest relative change of energy at ends of steps",
+            ),
+        ),
+        not_with=("gh",),
+    ),
+    _recorded(
+        "contact",
+        "`record: [contact]`",
+        (
+            Column(
+                "contact_ratio_max",
+                F64,
+                lambda runs: runs.integrated.contact_ratio_max,
+                meaning="largest F_perp / F_parallel at the contact",
+                refines=True,
+            ),
+            Column(
+                "contact_normal_min",
+                F64,
+                lambda runs: runs.integrated.contact_normal_min,
+                FORCE,
+                "smallest F_parallel; negative: lift-off",
+            ),
+        ),
+        not_with=("reduced", "gh"),
+    ),
+    _recorded(
+        "windows",
+        "`record: [windows]`",
+        (
+            Column(
+                "window_t", F64, lambda runs: runs.window, TIME, "length of one window"
+            ),
+            Column(
+                "window_amplitude",
+                _SERIES,
+                lambda runs: runs.window_amplitude,
+                RATE,
+                "largest amplitude of the relevant mode at ends of steps, by window",
+            ),
+            Column(
+                "window_n_min",
+                _SERIES,
+                lambda runs: runs.window_n_min,
+                RATE,
+                "smallest spin at ends of steps, by window",
+            ),
+            Column(
+                "window_n_max",
+                _SERIES,
+                lambda runs: runs.window_n_max,
+                RATE,
+                "largest spin at ends of steps, by window",
+            ),
+        ),
+        not_with=("gh",),
+    ),
+    _recorded(
+        "lyapunov",
+        "`record: [lyapunov]`",
+        (
+            Column(
+                "lyapunov",
+                F64,
+                lambda runs: runs.lyapunov,
+                RATE,
+                "largest Lyapunov exponent over the whole run, or up to t_r",
+                refines=True,
+            ),
+            Column(
+                "lyapunov_late",
+                F64,
+                lambda runs: runs.lyapunov_late,
+                RATE,
+                "the same from half time; null: too short",
+            ),
+        ),
+        not_with=("reduced", "gh"),
+    ),
+    _recorded(
+        "spectrum",
+        "`record: [spectrum]`",
+        (
+            Column(
+                "lyapunov_spectrum",
+                _SERIES,
+                lambda runs: runs.lyapunov_spectrum,
+                RATE,
+                "the five Lyapunov exponents, descending; null: no motion",
+            ),
+            Column(
+                "lyapunov_spectrum_late",
+                _SERIES,
+                lambda runs: runs.lyapunov_spectrum_late,
+                RATE,
+                "the same from half time; null: too short",
+            ),
+            Column(
+                "kaplan_yorke",
+                F64,
+                lambda runs: runs.kaplan_yorke,
+                meaning="dimension of Kaplan and Yorke at constant energy, late",
+                refines=True,
+            ),
+            Column(
+                "regime",
+                TEXT,
+                lambda runs: runs.regime,
+                meaning=f"{', '.join(REGIMES)}; null: unknown",
+                refines=True,
+            ),
+        ),
+        not_with=("reduced", "gh"),
+    ),
+    Group(
+        "chaos",
+        "`record: [lyapunov]` or `[spectrum]`",
+        (
+            Column(
+                "chaotic",
+                FLAG,
+                lambda runs: runs.chaotic,
+                meaning="largest late exponent * t_end / 2 > 10; null: run too short",
+            ),
+        ),
+        optional=True,
+        not_with=("reduced", "gh"),
+    ),
+    _recorded(
+        "volume",
+        "`record: [volume]`",
+        (
+            Column(
+                "volume_rate",
+                F64,
+                lambda runs: runs.integrated.volume_rate,
+                RATE,
+                "mean rate of the logarithm of phase volume over the run",
+            ),
+        ),
+        not_with=("reduced", "gh"),
+    ),
+    _recorded(
+        "t_half",
+        "`record: [t_half]`",
+        (
+            Column(
+                "t_half",
+                F64,
+                lambda runs: runs.integrated.mark("t_half"),
+                TIME,
+                "first time at which the spin has half its size; null: never",
+                refines=True,
+            ),
+        ),
+        not_with=("gh",),
+    ),
+    _recorded(
+        "error",
+        "`record: [error]`",
+        (
+            Column(
+                "t_r_error",
+                F64,
+                lambda runs: runs.t_r_error,
+                TIME,
+                "estimated bound of the error of t_r; null: no t_r",
+            ),
+            Column(
+                "type_sure",
+                FLAG,
+                lambda runs: runs.type_sure,
+                meaning="whether the type is the same within the errors",
+            ),
+            Column(
+                "amp_growth_error",
+                F64,
+                lambda runs: runs.amp_growth_error,
+                meaning="estimated error of amp_growth; null: unknown",
+            ),
+            Column(
+                "n_departure_error",
+                F64,
+                lambda runs: runs.n_departure_error,
+                meaning="estimated error of n_departure; null: unknown",
+            ),
+        ),
+        not_with=("gh",),
+    ),
+    Group(
+        "tol",
+        "`integrator: {accuracy: {t_r: ...}}`",
+        (
+            Column(
+                "tol",
+                F64,
+                lambda runs: runs.tol,
+                meaning="tolerance at which the run was integrated",
+            ),
+        ),
+        optional=True,
+        not_with=("gh",),
+    ),
+    _recorded(
+        "reversals",
+        "`record: [reversals]`",
+        (
+            Column(
+                "n_turns",
+                I32,
+                lambda runs: runs.n_turns,
+                meaning="turns, from a spin beyond n_i/4 to beyond -n_i/4",
+                formula="number of turns",
+                refines=True,
+            ),
+            Column(
+                "turn_times",
+                _SERIES,
+                lambda runs: runs.turn_times,
+                TIME,
+                "first zero in each of the first eight turns",
+            ),
+            Column(
+                "spin_after_turn",
+                _SERIES,
+                lambda runs: runs.spin_after_turn,
+                RATE,
+                "largest absolute spin until the next turn",
+            ),
+        ),
+        not_with=("gh",),
+    ),
+    Group(
+        "turns",
+        "`record: [reversals, error]`",
+        (
+            Column(
+                "reversals_sure",
+                I32,
+                lambda runs: runs.reversals_sure,
+                meaning="first turns with an error below 1e-3; at most eight",
+                formula="number of confirmed turns",
+            ),
+            Column(
+                "reversal_times_error",
+                _SERIES,
+                lambda runs: runs.reversal_times_error,
+                TIME,
+                "estimated error of turn_times; null: unknown",
+            ),
+        ),
+        optional=True,
+        not_with=("gh",),
+    ),
+)
+
+# Further columns of `runs` launched from a full state, and of bodies with a known size.
+STATE_GROUP = Group(
+    "state",
+    "Launches from a full state",
+    (
+        must("omega_x", F64, lambda runs: runs.state.omega_x),
+        must("omega_y", F64, lambda runs: runs.state.omega_y),
+        must("omega_z", F64, lambda runs: runs.state.omega_z),
+        must("u_x", F64, lambda runs: runs.state.u_x),
+        must("u_y", F64, lambda runs: runs.state.u_y),
+        must("u_z", F64, lambda runs: runs.state.u_z),
+    ),
+)
+SIZE_GROUP = Group(
+    "size",
+    "Bodies in SI units",
+    (
+        Column("t_r_s", F64, lambda runs: runs.t_r_s, "s", "t_r in seconds"),
+        must(
+            "n_i_rpm",
+            F64,
+            lambda runs: runs.n_i_rpm,
+            "rpm",
+            "n_i in turns a minute, counterclockwise from above",
+        ),
+    ),
+)
+
+COLUMNS: dict[str, Column] = {
+    column.name: column
+    for group in (*GROUPS, STATE_GROUP, SIZE_GROUP)
+    for column in group.columns
+}
+"""All columns of `runs` that rattlesweep computes, by name."""
+
+RUN_FIELDS: dict[str, tuple[pa.Field, ...]] = {
+    group.name: tuple(column.field for column in group.columns) for group in GROUPS
+}
+STATE_FIELDS = tuple(column.field for column in STATE_GROUP.columns)
+# Of bodies with a known size.
+MEASURED = tuple(column.field for column in SIZE_GROUP.columns)
+# Optional groups of columns, with the models that do not have them.
+RECORD_PARTS: dict[str, tuple[str, ...]] = {
+    group.name: group.not_with for group in GROUPS if group.optional
+}
+
+
+def define(name: str) -> Definition:
+    """Return the definition of a quantity or of a column, by its name.
+
+    A name that is neither, such as a user's own column, is its own symbol and meaning.
+    A column in SI units, such as ``n_i_rpm``, has the symbol of its quantity.
+    """
+    if name in MEASURES and name not in QUANTITIES:
+        definition, measure = MEASURES[name]
+        return Definition(
+            name, measure.unit, definition.meaning, formula=definition.symbol
+        )
+    if name in QUANTITIES:
+        return QUANTITIES[name]
+    if name in COLUMNS:
+        return COLUMNS[name].definition
+    return Definition(name, "1", name)
+
+
+def runs_schema(
+    record: Collection[str] = (), model: str = "full", extra: Iterable[pa.Field] = ()
+) -> pa.Schema:
+    """Return the schema of `runs` with optional groups, by name, and `extra` columns.
+
+    Raises a ConfigError if the model does not have one of the groups.
+    """
+    refused = sorted(name for name in record if model in RECORD_PARTS[name])
+    if refused:
+        raise ConfigError(f"record: the model {model!r} cannot record {refused[0]!r}")
+    fields: list[pa.Field] = []
+    for group in GROUPS:
+        if not group.optional or group.name in record:
+            fields += RUN_FIELDS[group.name]
+    return pa.schema([*fields, *extra])

@@ -1,0 +1,1 @@
+"""Intervals of shares and means, and tails of distributions."""

@@ -1,0 +1,166 @@
+"""Output for terminals: tables, counts, durations, progress."""
+
+from __future__ import annotations
+
+import sys
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from functools import cache
+from typing import TYPE_CHECKING, Protocol
+
+from rattlesweep.words.errors import printable
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+COMPILING = (
+    "compiling a kernel for this machine (15 to 60 s); it is kept for later runs"
+)
+COMPILING_ONCE = (
+    "compiling a kernel for this machine (15 to 60 s), for this run alone: kernels are "
+    "kept where nobody else can write, in the folder or in one above it; run "
+    "`chmod go-w ~/.cache`, or name such a folder by NUMBA_CACHE_DIR"
+)
+DELAY = 0.5  # seconds after which a bar appears, so that short work shows none
+LINE_EVERY = 60.0  # seconds between lines of progress where there is no terminal
+
+
+class HasProgress(Protocol):
+    """How far a sweep is, as its job reports it."""
+
+    @property
+    def fraction(self) -> float:
+        """Fraction of the expected cost that is done."""
+
+    @property
+    def runs(self) -> int:
+        """Number of runs that are done."""
+
+    @property
+    def left(self) -> float | None:
+        """Seconds that are left, None if they cannot be told yet."""
+
+
+def align(lines: Sequence[Sequence[str]], sides: str = ">") -> str:
+    """Return rows of cells as aligned columns, each to the ``<`` or ``>`` of `sides`.
+
+    The last of the sides is repeated for the columns after it.
+    """
+    lines = [[printable(cell) for cell in line] for line in lines]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    sides = sides.ljust(len(widths), sides[-1])
+    formats = [f"{side}{width}" for side, width in zip(sides, widths, strict=True)]
+    return "\n".join("  ".join(map(format, line, formats)).rstrip() for line in lines)
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with a noun, such as ``1 run`` or ``6,000 runs``."""
+    if number == 1:
+        return f"1 {noun}"
+    return f"{number:,} {noun}s"
+
+
+def clock(seconds: float) -> str:
+    """Return seconds as m:ss or h:mm:ss."""
+    minutes, seconds = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours}:{minutes:02d}:{seconds:02d}"
+    return f"{minutes}:{seconds:02d}"
+
+
+class Bar(AbstractContextManager["Bar"]):
+    """Progress on standard error, as a bar or as a line per minute."""
+
+    def __init__(self, shown: bool, lines: bool = False, warns: bool = True) -> None:
+        self._shown = shown
+        self._lines = lines
+        self._warns = warns
+        self._compiled = False
+        self._staged = False
+        self._start = time.monotonic()
+        self._last = self._start
+        self._bar: tqdm | None = None
+
+    @classmethod
+    def of_call(cls, progress: bool | None) -> Bar:
+        """Return the bar of a Python call; None shows it in notebooks and terminals."""
+        if progress is None:
+            progress = "ipykernel" in sys.modules or sys.stderr.isatty()
+        return cls(progress)
+
+    @classmethod
+    def of_command(cls, quiet: bool = False) -> Bar:
+        """Return the bar of a command, or lines where there is no terminal."""
+        return cls(sys.stderr.isatty() and not quiet, not quiet, warns=not quiet)
+
+    def __exit__(self, *error: object) -> None:
+        """Close the bar."""
+        if self._bar is not None:
+            self._bar.close()
+
+    def __call__(self, progress: HasProgress) -> None:
+        """Show the progress of a sweep."""
+        left = ""
+        if progress.left is not None:
+            left = f", {clock(progress.left)} left"
+        # Without their total, which would make a second share: runs differ in cost.
+        self._show(progress.fraction, f"{progress.runs:,} runs done", left)
+
+    def counting(self, what: str) -> Callable[[float], None]:
+        """Return a function that shows how much of some work is done."""
+        return lambda fraction: self._show(fraction, what)
+
+    def stage(self, text: str) -> None:
+        """Say what begins now; without a terminal at most once in `LINE_EVERY`."""
+        now = time.monotonic()
+        is_due = self._lines and (not self._staged or now >= self._last + LINE_EVERY)
+        if self._shown or is_due:
+            self._staged = True
+            self._last = now
+            self._say(f"{now - self._start:4.0f} s  {text}")
+
+    def compiling(self, stored: bool) -> None:
+        """Say once that kernels are being compiled.
+
+        That later runs cannot have them is said once a process, with or without a bar.
+        """
+        if not stored:
+            if self._warns:
+                _warn_once(COMPILING_ONCE)
+        elif (self._shown or self._lines) and not self._compiled:
+            self._say(COMPILING)
+        self._compiled = True
+
+    def _show(self, fraction: float, text: str, left: str = "") -> None:
+        now = time.monotonic()
+        text = f"{text}, {clock(now - self._start)}{left}"
+        if self._shown:
+            if self._bar is None:
+                self._bar = _new_bar()
+            self._bar.set_description_str(text, refresh=False)
+            self._bar.update(100 * fraction - self._bar.n)
+        elif self._lines and now >= self._last + LINE_EVERY:
+            self._last = now
+            self._say(f"{100 * fraction:.1f} %, {text}")
+
+    @staticmethod
+    def _say(line: str) -> None:
+        print(line, file=sys.stderr, flush=True)
+
+
+@cache
+def _warn_once(line: str) -> None:
+    """Print a line on standard error, unless this process has printed it."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def _new_bar() -> tqdm:
+    """Return a bar of percents; tqdm's own estimate would include compilation."""
+    with warnings.catch_warnings(action="ignore"):  # tqdm warns without ipywidgets
+        from tqdm.auto import tqdm
+
+    form = "{percentage:3.0f}%|{bar}| {desc}"
+    return tqdm(total=100.0, bar_format=form, file=sys.stderr, delay=DELAY)

@@ -1,0 +1,1 @@
+"""Words that users read and write: quantities, units, names, defaults, messages."""

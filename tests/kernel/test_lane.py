@@ -1,0 +1,87 @@
+"""What compiled functions see of lanes, and each private interface of Numba for it.
+
+One function uses every operation that `state.lane` writes as LLVM code; without
+compilation, its Python twins give the same numbers.
+"""
+
+import numpy as np
+import pytest
+from numba import njit
+
+from rattlesweep.compiling import intrinsics
+from rattlesweep.kernel.recipes import problem_of
+from rattlesweep.kernel.state import lane as lanes
+from rattlesweep.kernel.state.fields import Point
+from rattlesweep.kernel.state.lane import Lane
+from rattlesweep.motion.model import FULL
+
+WIDTH = 2
+PROBLEM = problem_of(FULL, True, WIDTH)
+AT = PROBLEM.layout
+N_ROWS = AT.stages + FULL.n_state
+STAGE = AT.stages
+# y + 0.5 h (2 f + 3 k), and the constants of the body.
+STEP = lanes.sums(FULL.n_state, {AT.f: 2.0, STAGE: 3.0}, AT.y, AT.h, 0.5)
+read = lanes.gather(WIDTH, STEP, range(AT.constants, AT.constants + FULL.n_constants))
+write = lanes.scatter(WIDTH, range(STAGE, STAGE + FULL.n_state))
+
+
+def _pair(first, second):
+    return first + second, first * second
+
+
+def _every_operation(problem, w, shared, address):
+    """Use every operation on lane 1; return what they return."""
+    intrinsics.widest_vectors()
+    lane = lanes.lane_of(problem, w, 1)
+    lane.y = 1.0, 2.0, 3.0, 4.0, 5.0
+    lanes.clear(lane)
+    lane.h = 0.25
+    lane.f = intrinsics.moved(lane.y, lane.y, lane.h)
+    lane.lo = Point(lane.h, 7.0, lane.t)
+    lane.constants = intrinsics.first_of(w, problem.model.n_constants)
+    write(w, 1, lane.f)
+    intrinsics.barrier()
+    spin = problem.model.spin(lane.y)
+    before = intrinsics.fetch_add(shared, 0, 3)
+    pair = intrinsics.call_for_pair(address, (before, 6))
+    place = intrinsics.lowest_bit(before + 3)
+    return read(w, 1), lane.lo, spin, pair, place, problem.lanes, problem.idle
+
+
+def test_every_operation_is_that_of_its_python_twin():
+    start = np.linspace(-1, 1, N_ROWS * WIDTH)
+    pair = njit("UniTuple(intp, 2)(intp, intp)", error_model="numpy")(_pair)
+    (address,) = intrinsics.addresses_of(pair)
+    w = start.copy()
+    shared = np.array([5])
+    compiled = njit(error_model="numpy")(_every_operation)
+    values, point, spin, numbers, place, width, idle = compiled(
+        PROBLEM, w, shared, address
+    )
+    lane = Lane(PROBLEM, w, 1)
+    y = np.arange(1.0, 6.0)
+    assert lane.y == tuple(y)
+    assert lane.f == tuple(1.25 * y)
+    assert lane.run == lane.t == 0
+    assert point == lane.lo == (0.25, 7, 0)
+    assert spin == FULL.spin(y)
+    assert shared == [8]
+    assert numbers == (11, 30)
+    assert place == 3
+    assert (width, idle) == (WIDTH, PROBLEM.idle)
+    step = y + 0.5 * 0.25 * (2 * 1.25 * y + 3 * 1.25 * y)
+    assert values[: FULL.n_state] == pytest.approx(step)
+    assert values[FULL.n_state :] == lane.constants
+    # The other lane is untouched.
+    assert np.array_equal(w.reshape(-1, WIDTH)[:, 0], start.reshape(-1, WIDTH)[:, 0])
+
+
+def test_a_lane_has_the_fields_that_are_described():
+    shared = problem_of(None, True).layout
+    for name, (row, _) in shared.fields.items():
+        # A kernel without a model finds the same rows.
+        assert AT.fields[name][0] == row or row == shared.stages
+    rows = [row for row, _ in AT.fields.values()]
+    assert rows == sorted(rows)
+    assert AT.y < AT.y1 < AT.constants < AT.stages
