@@ -131,6 +131,12 @@ def _dissipation(config: Config) -> Iterator[Clash]:
         )
     if any(FROM_TABLE in values for values in losses.values.values()) and not table:
         yield "dissipation", "the word table needs source: table; give a number"
+    if losses.creeps and not losses.pivots:
+        yield (
+            "dissipation.creep",
+            "the contact creeps only where it pivots; give dissipation.pivot, or leave "
+            "creep out",
+        )
     if losses.slides:
         yield from _sliding(config)
     if losses and config.model != "full":

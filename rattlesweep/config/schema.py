@@ -188,6 +188,11 @@ class Dissipation(LossKeys):  # type: ignore[misc]
         return "pivot" in self.present
 
     @property
+    def creeps(self) -> bool:
+        """Whether the patch of contact gives way as it pivots."""
+        return "creep" in self.present
+
+    @property
     def slides(self) -> bool:
         """Whether the foot slides where the plane does not hold it."""
         return "mu" in self.present

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import pivoting, stone
+from rattlesweep.physics.creep import no_rate
 from rattlesweep.physics.surface import Formula
 
 Vector3 = tuple[float, float, float]
@@ -47,11 +48,6 @@ class Action:
       the contact point along ``h_1`` and ``h_2`` of :mod:`physics.sliding`, its
       ``equations`` follow from ``sliding.contact_at``, and its ``energy`` is that of
       ``sliding.slip_energy``.
-    - *A creep* beside pivoting moves the contact point at ``v_s``, which follows from
-      the force that keeps the body rolling.  No stiffness arises if ``omega`` of the
-      state is that of the rolling body with the same angular momentum about the contact
-      point: the body turns at ``omega + J^-1 (r x v_s)``.  So a creep has ``equations``
-      that ask :func:`rattlesweep.motion.sums.summed_parts` for the force.
     """
 
     name: str  # one word
@@ -70,6 +66,9 @@ class Action:
     # the vertical of at most `constants[0]` times the normal force while the body
     # rolls.  Then `grip` is the torque while it slides.  Its constants are the last.
     pivots: bool = False
+    # Whether the foot drifts while the body rolls and another action pivots; its
+    # constant is the coefficient of friction in the patch (`motion.drifting`).
+    drifts: bool = False
 
     # Further components of the state, from the launch on
     components: tuple[str, ...] = ()
@@ -117,8 +116,16 @@ PIVOTING = Action(
     own_work="pivot work",
     slid_power=pivoting.sliding_power,
 )
+CREEP = Action(
+    "creep",
+    ("creep",),
+    drifts=True,
+    own_work="creep work",
+    components=("doubtful work",),
+    rates=no_rate,
+)
 ACTIONS: dict[str, Action] = {
-    action.name: action for action in (VISCOUS, ROLLING, PIVOTING)
+    action.name: action for action in (VISCOUS, ROLLING, CREEP, PIVOTING)
 }
 """The actions by name, in the order of their constants."""
 
@@ -128,6 +135,9 @@ def numbered(actions: Iterable[Action]) -> tuple[Action, ...]:
     chosen = set(actions)
     if chosen:
         chosen.add(VISCOUS)
+    if not any(action.pivots for action in chosen):
+        # A foot that does not turn does not drift.
+        chosen = {action for action in chosen if not action.drifts}
     known = [action for action in ACTIONS.values() if action in chosen]
     further = sorted(chosen - set(known), key=lambda action: action.name)
     # The constants of an action that pivots are the last.

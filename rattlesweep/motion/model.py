@@ -19,6 +19,7 @@ from rattlesweep.motion.action import (
     numbered,
 )
 from rattlesweep.motion.chart import ANYWHERE, SLOPES, Chart
+from rattlesweep.motion.drifting import drifting_parts
 from rattlesweep.motion.fast import Fast, fast_for
 from rattlesweep.motion.slides import Slide, slide_of
 from rattlesweep.motion.sums import (
@@ -207,6 +208,7 @@ class Model:
 
 
 ATTITUDE = "_attitude"
+N_BODY = len(stone.CONSTANTS)  # constants before those of actions
 SLIDING = "_sliding"
 TANGENTS = {"_tangent": 1, "_frame": frame.N_TANGENTS}
 
@@ -368,9 +370,45 @@ def _equations(
 
     They are formulas ``(contact, y, inertia, shape, loss)``.
     """
+    drifting = [action for action in actions if action.drifts]
+    if drifting:
+        return _drifting(chart, actions, drifting[0], layout)
     if fast is not None:
         return fast.rhs, fast.parts
     return generic_equations(chart, actions, layout)
+
+
+def _drifting(
+    chart: Chart, actions: tuple[Action, ...], drift: Action, layout: Numbering
+) -> tuple[Formula, Formula]:
+    """Return what :func:`_equations` does, of a body whose foot drifts."""
+    others = tuple(action for action in actions if action is not drift)
+    names = [name for name in layout.constants if name not in drift.constants]
+    further = layout.components.index(drift.components[0])
+    without = replace(
+        layout, constants=tuple(names), components=layout.components[:further]
+    )
+    _, parts = _equations(chart, others, without, fast_for(chart, others))
+    assert parts is not None
+    of_loss = layout.constants[N_BODY:]
+    drifting = drifting_parts(chart, parts, of_loss.index(drift.strength))
+
+    @scalar
+    def rhs(contact, y, inertia, shape, loss):
+        place, turned, _, _, power, taken, crept, doubtful = drifting(
+            contact, y, inertia, shape, loss
+        )
+        works = power + taken + crept, taken, crept, doubtful
+        return place + turned + works
+
+    @scalar
+    def parts_on(contact, y, inertia, shape, loss):
+        place, turned, torque, normal, power, taken, _, _ = drifting(
+            contact, y, inertia, shape, loss
+        )
+        return place, turned, torque, normal, power, taken
+
+    return rhs, parts_on
 
 
 def generic_equations(

@@ -159,6 +159,32 @@ def damping_rates(
     return pitch, roll
 
 
+def creeping_coefficients(
+    alpha: ArrayLike,
+    beta: ArrayLike,
+    modes: Modes,
+    pivot: ArrayLike,
+    creep: ArrayLike,
+) -> tuple[Floats, Floats]:
+    """Return ``K_p`` and ``K_r`` less what the creep of the contact takes from them.
+
+    A foot that pivots under a lever ``l`` with the friction ``mu`` drifts (see
+    :mod:`rattlesweep.physics.creep`).  A mode loses ``|n| c l / mu^2`` of its energy a
+    unit of time, with ``c = 128 omega_i^2 / (9 pi^2 J_i)`` and the moment ``J_i`` about
+    the contact point along the mode.  A spin grows only where the rest is positive: a
+    ``K_r`` below zero means that no steady spin of any size turns back.
+
+    NaN where ``creep`` is zero.
+    """
+    share = np.full(np.shape(np.asarray(creep, float)), np.nan)
+    mu = np.asarray(creep, float)
+    np.divide(np.asarray(pivot, float), mu * mu, out=share, where=mu > 0)
+    factor = 128 / (9 * np.pi**2) * share
+    pitch = modes.omega_p**2 / inertia_along(alpha, beta, modes.psi_p)
+    roll = modes.omega_r**2 / inertia_along(alpha, beta, modes.psi_r)
+    return modes.K_p - factor * pitch, modes.K_r - factor * roll
+
+
 def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Return the sum and its exact rounding error (Dekker 1971)."""
     s = a + b

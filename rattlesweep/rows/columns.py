@@ -139,6 +139,37 @@ WITH_LOSS = {
             refines=True,
         ),
     ),
+    "creep": (
+        Column(
+            "creep_work",
+            F64,
+            lambda runs: runs.creep_work,
+            meaning="energy lost by creep of the contact over the initial energy",
+            refines=True,
+        ),
+        Column(
+            "creep_doubtful",
+            F64,
+            lambda runs: runs.creep_doubtful,
+            meaning="share of creep_work where the force exceeds 0.28 creep F_n or the "
+            "body rolls faster than 2 |n| / creep, so that the law is in doubt",
+            note="null: no creep",
+        ),
+        Column(
+            "K_p_creep",
+            F64,
+            lambda runs: runs.K_p_creep,
+            meaning="K_p less what creep takes",
+            note="null: no creep",
+        ),
+        Column(
+            "K_r_creep",
+            F64,
+            lambda runs: runs.K_r_creep,
+            meaning="K_r less what creep takes; below 0 no steady spin reverses",
+            note="null: no creep",
+        ),
+    ),
     "mu": (
         Column(
             "t_slide",

@@ -20,9 +20,10 @@ from rattlesweep.kernel import growths
 from rattlesweep.kernel.outcome import Batch, Estimated, Outcome, has_settled
 from rattlesweep.kernel.runs import MOST_REVERSALS
 from rattlesweep.kernel.state.status import Status
+from rattlesweep.motion.model import find_model
 from rattlesweep.physics import full, steady
 from rattlesweep.physics.chaos import is_chaotic
-from rattlesweep.physics.theory import damping_rates, unsteady
+from rattlesweep.physics.theory import creeping_coefficients, damping_rates, unsteady
 from rattlesweep.rows import regimes
 from rattlesweep.rows.arrow import Words, ragged
 from rattlesweep.rows.launches import Bodies, Launches
@@ -224,6 +225,51 @@ class Results:
         if self.config.dissipation.slides:
             left = left - self.integrated.slide_work
         return left
+
+    def _work_of(self, component: str) -> Floats:
+        """Work that a component of the state counts, over the initial energy."""
+        model = find_model(self.launches.full_model)
+        work = self.integrated.y_end[:, model.column(component)]
+        # Zero and not -0 for a run without it.
+        return np.asarray(0.0 - work / self.integrated.energy_0)
+
+    @property
+    def creep_work(self) -> Floats:
+        """Energy lost by the drift of the contact point, over the initial energy."""
+        return self._work_of("creep work")
+
+    @property
+    def creep_doubtful(self) -> Floats:
+        """Share of it that is lost where the law is in doubt, NaN without creep."""
+        lost = self.creep_work
+        share = np.full(len(lost), np.nan)
+        np.divide(self._work_of("doubtful work"), lost, out=share, where=lost > 0)
+        return share
+
+    @cached_property
+    def creeping(self) -> tuple[Floats, Floats]:
+        """The coefficients of pitch and roll with creep, NaN without."""
+        losses = self.launches.losses
+        none = np.zeros(len(self.bodies.alpha))
+        return creeping_coefficients(
+            self.bodies.alpha,
+            self.bodies.beta,
+            self.launches.modes,
+            losses.get("pivot", none),
+            losses["creep"],
+        )
+
+    @property
+    def K_p_creep(self) -> Floats:
+        """Coefficient of pitch with creep."""
+        pitch, _ = self.creeping
+        return pitch
+
+    @property
+    def K_r_creep(self) -> Floats:
+        """Coefficient of roll with creep."""
+        _, roll = self.creeping
+        return roll
 
     @property
     def growth(self) -> Floats:

@@ -44,6 +44,7 @@ RefineName = Literal[
     "t_held",
     "held_time",
     "pivot_work",
+    "creep_work",
     "t_slide",
     "n_slides",
     "slide_time",
