@@ -188,6 +188,8 @@ def simulate(
           sqrt(g/a)``
         - ``rolling`` : array_like, lever of a rolling resistance, in ``a``
         - ``pivot`` : array_like, lever of the torque against pivoting, in ``a``
+        - ``creep`` : array_like, friction in the patch that pivots, which then gives
+          way
         - ``mu`` : array_like, coefficient of sliding friction; without it the foot
           never slides
         - ``method`` : str, with its ``tol`` or ``dt_step``

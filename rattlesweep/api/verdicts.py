@@ -161,8 +161,8 @@ def verdict(
     progress : bool, optional
         Whether to show a bar, by default in a terminal and in a notebook.
     **losses
-        Dissipation, as for ``fit``: ``sigma``, ``rolling``, ``pivot`` and ``mu``, each
-        perhaps with an error.
+        Dissipation, as for ``fit``: ``sigma``, ``rolling``, ``pivot``, ``creep`` and
+        ``mu``, each perhaps with an error.
 
     Raises
     ------

@@ -337,7 +337,7 @@ def bondi(_: Made) -> Measured:
     spins = np.random.default_rng(2017).normal(size=2 * CHECKED_BODIES).tolist()
     both = np.concatenate([full.constants(*body) for body in bodies], axis=1)
     moved = max(
-        max(map(abs, full.rhs.py_func((0.0, 0.0, 0.0, 0.0, spin), constants)))
+        max(map(abs, full.rhs.py_func((0.0, 0.0, 0.0, 0.0, spin), tuple(constants))))
         for spin, constants in zip(spins, both.T.tolist(), strict=True)
     )
     checks = [

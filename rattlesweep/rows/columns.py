@@ -8,12 +8,11 @@ written against today's tables read next year's.
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import pyarrow as pa
 
 from rattlesweep.rows.arrow import _SERIES, F64, FLAG, I32, I64, TEXT, Values, field
-from rattlesweep.rows.results import Results
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.names import REGIMES
 from rattlesweep.words.quantities import (
@@ -28,7 +27,11 @@ from rattlesweep.words.quantities import (
     Definition,
 )
 
-_Source: TypeAlias = Callable[[Results], Values]
+if TYPE_CHECKING:
+    # What is stored is read without the kernels, which results need.
+    from rattlesweep.rows.results import Results
+
+_Source: TypeAlias = "Callable[[Results], Values]"
 """Function of the results of a block that returns a column."""
 
 

@@ -208,7 +208,7 @@ def test_defaults_are_table_one_and_the_papers_own_step():
         "record": [],
         "bodies": {"source": "sd", "samples": 1000, "ranges": ranges, "draw": "random"},
         "spin": {"n_i": [0.1], "omega_xy0": [0.01], "psi": "relevant"},
-        "dissipation": {"sigma": [0], "rolling": [0], "pivot": [0]},
+        "dissipation": {"sigma": [0], "rolling": [0], "pivot": [0], "creep": [0]},
         "output": "out/sweep",
         "integrator": {"method": "dop853", "tol": 1e-9, "max_steps": 100_000_000},
         "classify": {

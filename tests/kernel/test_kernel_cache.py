@@ -80,14 +80,14 @@ def test_a_kernel_is_compiled_by_another_process_and_found_again(place):
 
 FOUND = """
 import json
-from rattlesweep.system.processors import batch, compile
-from rattlesweep.kernel.batch import load_kernels, threaded_kernel
+from rattlesweep.compiling import loading
+from rattlesweep.kernel.recipes import threaded_kernel
 heard = []
-with compile.listening(heard.append):
+with loading.listening(heard.append):
     threaded_kernel("dop853", "full")
 hits = {
     order[0].__name__: len(compiled.stats.cache_hits)
-    for order, compiled in compile._loaded.items()
+    for order, compiled in loading._loaded.items()
 }
 print(json.dumps([heard, hits]))
 """
@@ -222,7 +222,7 @@ def test_a_private_temporary_folder_is_removed_with_its_process(tmp_path):
     }
     code = (
         "import small_kernel as s; "
-        "print(s.again(), s.load_small()(-4), s.compile.cache_folder())"
+        "print(s.again(), s.load_small()(-4), s.loading.cache_folder())"
     )
     done = python(code, **env)
     assert done.returncode == 0, done.stderr

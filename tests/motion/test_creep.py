@@ -90,26 +90,6 @@ def test_what_creep_takes_from_the_coefficients():
     assert np.isnan(creeping_coefficients(GH.alpha, GH.beta, modes, lever, 0.0)).all()
 
 
-def test_small_oscillations_grow_as_the_coefficients_say():
-    """Between two times, in which the spin hardly changes."""
-    _, roll = creeping_coefficients(GH.alpha, GH.beta, rs.modes(GH), 0.006, 0.3)
-    run = rs.trajectory(
-        GH,
-        n_i=-0.1,
-        omega_xy0=1e-5,
-        pivot=0.006,
-        creep=0.3,
-        t_end=40.0,
-        channels=["n", "omega_x", "omega_y"],
-        dt=0.05,
-    ).table
-    size = np.hypot(run["omega_x"], run["omega_y"])
-    early = size[run["t"] < 20.0].max()
-    late = size[run["t"] >= 20.0].max()
-    mean = run["n"].abs().mean()
-    assert_allclose(np.log(late / early) / 20.0, mean * roll / 2, rtol=0.1)
-
-
 def test_creep_needs_pivoting():
     with pytest.raises(rs.ConfigError, match=r"dissipation\.creep.*dissipation\.pivot"):
         rs.simulate(GH, n_i=-0.2, omega_xy0=0.1, creep=0.3, t_end=1.0)

@@ -280,7 +280,7 @@ def test_archives_beyond_limits(archive_path, monkeypatch):
     write_3mf(archive_path, [mesh_object(1, stone())], ['objectid="1"'])
     monkeypatch.setattr(archive, "MOST_BYTES", 10_000)
     assert "the archive unpacks to" in refusal(archive_path)
-    monkeypatch.setattr(archive, "MOST_FILES", 1)
+    monkeypatch.setattr(archive, "MOST_PACKED", 1)
     assert "the archive has 2 files" in refusal(archive_path)
     monkeypatch.undo()
     chain = [mesh_object(1, BAR)]

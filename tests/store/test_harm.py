@@ -208,7 +208,7 @@ def every_fault() -> Iterator[Any]:
             yield pytest.param(1, number, name, marks=pytest.mark.slow, id=f"{label}-1")
 
 
-@pytest.mark.parametrize(("stride", "number", "name"), every_fault())
+@pytest.mark.parametrize(("stride", "number", "name"), [*every_fault()])
 def test_faults_at_every_call(name, number, stride, tmp_path):
     # A full disk stays full, but an I/O error may happen once and anywhere.
     kinds = MAY_FAIL[number]

@@ -76,7 +76,7 @@ FRICTION = {
     "mu": ({"mu": [0.2, 0.4]}, ["contact"], SLIDES),
     "pivot": ({"pivot": [2e-3, 1e-2]}, ["contact"], HOLDS),
     "both": (
-        {"mu": [0.1, 0.3], "pivot": 2e-3},
+        {"mu": [0.1, 0.2], "pivot": 2e-3},
         ["contact", "error"],
         [*SLIDES, *HOLDS, *ERRORS],
     ),

@@ -71,6 +71,13 @@ WAYS = {
     "pivot": Ways(
         (0.0005, 0.002, 0.006), STEADY, 900, HOLDS, bad=("-1", "2", "much", "16 um")
     ),
+    "creep": Ways(
+        (0.0, 0.3, 0.5),
+        STEADY,
+        200,
+        ("creep_work", "creep_doubtful", "K_p_creep", "K_r_creep"),
+        beside={"pivot": 0.002},
+    ),
 }
 names = pytest.mark.parametrize("name", LOSSES)
 
@@ -93,6 +100,7 @@ def plan_of_table(name, values, **losses):
     rows |= {"n_i": [0.1, 0.2], "omega_xy0": 0.01}
     if values is not None:
         rows[name] = values
+    losses = WAYS[name].beside | losses
     keys = {"bodies": {"source": "table", "path": "rows"}, "dissipation": losses}
     return make_plan(parse_config(keys), rows=frame_bodies(pd.DataFrame(rows)))
 

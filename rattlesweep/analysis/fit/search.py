@@ -43,6 +43,8 @@ LOWER = -0.02
 BENT = 2.5  # factor by which chi squared rises more or less than a parabola
 # Standard errors by which the other parameters of a flat valley change along it.
 FLAT_VALLEY = 3.0
+# Half widths of intervals beyond which a valley along a flat direction is another one.
+FAR_VALLEY = 10.0
 USUAL_STEPS = 60  # of all searches of a fit
 
 
@@ -218,14 +220,18 @@ def _doubts_of_valley(
     alike, vague = doubts.untold(
         problem, estimate.x, estimate.half_widths, estimate.jacobian
     )
-    # Along these, chi squared is flat, of which another remark tells.
+    # Along these, chi squared is flat, of which another remark tells; it does not tell
+    # of valleys far beyond their intervals.
     flat = np.array([name in (*alike, *vague) for name in names])
+    near = np.where(
+        flat,
+        FAR_VALLEY * estimate.half_widths,
+        FLAT_VALLEY * estimate.standard_errors,
+    )
     rivals = [
         rival
         for rival in rivals_of(estimate, searches)
-        if (np.abs(rival.x - estimate.x) > FLAT_VALLEY * estimate.standard_errors)[
-            ~flat
-        ].any()
+        if (np.abs(rival.x - estimate.x) > near).any()
     ]
     if rivals:
         rival = rivals[0]

@@ -43,7 +43,6 @@ from rattlesweep.kernel.look import inside
 from rattlesweep.kernel.mode import pivots, slides
 from rattlesweep.kernel.state.fields import (
     DIFFERENCE,
-    HELD,
     PIVOTING,
     ROLLING,
     SLIDING,
@@ -95,6 +94,12 @@ def no_margin(lane, y, f):
 @scalar
 def never_calm(lane):
     """Return that it is not known how far a margin falls in a long step."""
+    return False
+
+
+@scalar
+def never_gives_way(lane):
+    """Return that no spin is held, of a model without pivoting friction."""
     return False
 
 
@@ -254,8 +259,7 @@ def look_at_limit(lane):
         half = limit(lane, lane.h, inside.middle(lane), inside.middle_rate(lane))
         angle = lane.h * lane.swing
         falls = inside.falls(lane.limit0, half.value, lane.limit1, angle)
-        if lane.problem.pivots and lane.mode == HELD:
-            falls |= pivots.may_give_way(lane)
+        falls |= lane.problem.modes.gives_way(lane)
         lane.leaves = 1.0 if falls else 0.0
 
 
@@ -301,6 +305,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
         margin=margin or no_margin,
         observe_limit=in_turn(observed),
         look=look_at_limit if has_limit else nothing,
+        gives_way=never_gives_way,
         plan=roll_on,
         decide=keep,
         change=of_mode(modes, "change"),
@@ -334,6 +339,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
             prepare=pivots.preparing(combined.prepare),
             settle=pivots.settle,
             free=pivots.free,
+            gives_way=pivots.gives_way,
             launch=pivots.launching(combined.launch),
             advance=in_turn([combined.advance, pivots.advance]),
             observe=pivots.observing(combined.observe),

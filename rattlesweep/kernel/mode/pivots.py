@@ -280,6 +280,14 @@ def may_give_way(lane):
     return falls(start, half_above, end, angle)
 
 
+@scalar
+def gives_way(lane):
+    """Return what :func:`may_give_way` does for a spin that is held, else no."""
+    if lane.mode == HELD:
+        return may_give_way(lane)
+    return False
+
+
 @njit(**INNER)
 def advance(problem, w):
     """Let what the torque lacks at the end of a step be that at the next start."""

@@ -78,6 +78,9 @@ class ModeSet:
     observe_limit: Callable[..., None]
     # look(lane): compute the limit at the ends of a step tried that is to be searched
     look: Callable[..., None]
+    # gives_way(lane): whether the plane may let a spin go that it holds in the step
+    # tried, from a closer look
+    gives_way: Callable[..., bool]
     # plan(problem, w): return whether lanes that roll try a step in this turn, and
     # whether there are lanes that slide
     plan: Callable[..., tuple[bool, bool]]
