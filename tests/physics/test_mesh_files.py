@@ -116,9 +116,54 @@ def test_shells_that_share_an_edge_are_told_apart(path):
     solid = Solid.of(*joined(box((0, 0, 0), (1, 1, 1)), box((1, 1, 0), (2, 2, 1))))
     assert len(solid.vertices) == 14
     assert [shell.volume for shell in shells_of(solid)] == pytest.approx([1, 1])
-    # Boxes that touch in a side are one, whose wall has both sides.
-    solid = Solid.of(*joined(box((0, 0, 0), (1, 1, 1)), box((1, 0, 0), (2, 1, 1))))
-    assert [shell.volume for shell in shells_of(solid)] == pytest.approx([2])
+
+
+def other_diagonals(low, high):
+    """Return a box whose sides are cut along the other diagonals."""
+    vertices, _ = box(low, high)
+    sides = [
+        *([0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1]),
+        *([2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]),
+    ]
+    faces = [[b, c, d] for _, b, c, d in sides] + [[b, d, a] for a, b, _, d in sides]
+    return vertices, np.array(faces)
+
+
+@pytest.mark.parametrize("make", [box, other_diagonals])
+def test_shells_that_touch_in_a_side_are_told_apart(make):
+    """All edges of the wall between them have four triangles."""
+    from rattlesweep.physics.mesh.shells import one_piece, shells_of
+    from rattlesweep.physics.mesh.solid import Solid
+
+    two = [box((0, 0, 0), (1, 1, 1)), make((1, 0, 0), (2, 1, 1))]
+    solid = Solid.of(*joined(*two))
+    assert [shell.volume for shell in shells_of(solid)] == pytest.approx([1, 1])
+    assert one_piece(solid).volume == pytest.approx(2)
+    # A third one that overlaps both.
+    solid = Solid.of(*joined(*two, box((0.5, 0.5, 0.5), (1.5, 2, 0.8))))
+    with pytest.raises(ValueError, match=r"1.5e[+]05 cm.3 .* would count twice"):
+        one_piece(solid)
+
+
+@pytest.mark.parametrize("make", [box, other_diagonals])
+def test_shells_that_overlap_beside_edges_that_they_share_are_refused(path, make):
+    """The lower of two boxes on one base was counted twice, without a word."""
+    base = joined(box((-20, -5, 0), (20, 5, 8)), make((-20, -5, 0), (20, 5, 4)))
+    path.write_bytes(binary_stl(base))
+    message = refusal(path)
+    assert "overlap beside edges that they share" in message
+    assert "make one solid of them" in message
+
+
+def test_a_cavity_that_reaches_the_surface_is_cut_out(path):
+    """It shares edges, or a part of the surface, with the solid around it."""
+    from rattlesweep.physics.mesh.shells import one_piece
+    from rattlesweep.physics.mesh.solid import Solid
+
+    solid = box((0, 0, 0), (2, 2, 2))
+    for high, left in (((1, 1, 2), 6), ((1, 2, 2), 4)):
+        cut = Solid.of(*joined(solid, box((0, 0, 0), high, inwards=True)))
+        assert one_piece(cut).volume == pytest.approx(left)
 
 
 def test_two_stones_on_a_plate(path):

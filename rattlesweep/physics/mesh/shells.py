@@ -18,6 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from rattlesweep.arrays import Floats, Integers
+from rattlesweep.physics.mesh.sheets import sheets_at
 from rattlesweep.physics.mesh.solid import Solid, edge_keys, wrong_edges
 from rattlesweep.words.errors import ConfigError
 
@@ -26,6 +27,10 @@ SHELL_ROUNDING = 1e-6  # of the volume
 INSIDE = 1e-3  # of a shell, that may reach out of the one around it
 FLAT_SHELL = 1e-9  # of the volume; a shell below it has none
 SHELLS_APART = 0.01  # of the longest side, between shells of two bodies
+ONE_SOLID = (
+    "make one solid of them in the program they come from (union, group, merge), or "
+    "turn the normals of a shell inwards if it is a cavity"
+)
 # Beyond so many shells, boxes alone tell how far they are apart.
 MOST_SHELLS = 200
 
@@ -93,8 +98,7 @@ def one_piece(solid: Solid) -> Solid:
         raise ValueError(
             f"some of the {len(shells)} shells of the mesh overlap, so that "
             f"{_cubic(twice)} ({100 * twice / solid.volume:.2g} %) would count twice; "
-            "make one solid of them in the program they come from (union, group, "
-            "merge), or turn the normals of a shell inwards if it is a cavity"
+            f"{ONE_SOLID}"
         )
     _check_apart(shells, float(np.ptp(solid.vertices, axis=0).max()))
     return solid
@@ -109,7 +113,7 @@ def without(solid: Solid, taken: Solid) -> Solid:
 
 def shells_of(solid: Solid) -> list[Shell]:
     """Return the shells of a closed mesh."""
-    label = _labels(solid.faces, len(solid.vertices))
+    label = _labels(solid)
     if not label.any():
         return [Shell(solid.vertices, solid.faces, solid.volume)]
     order = np.argsort(label, kind="stable")
@@ -145,6 +149,7 @@ def _without_doubles(solid: Solid) -> Solid:
         return solid
     fewer = faces[np.sort(kept)]
     if any(wrong_edges(fewer, count)):
+        _labels(solid)  # says so if they are those of shells that overlap
         raise ValueError(
             f"{n_double} triangles of the mesh are stored twice, and it is open "
             "without them; repair it in a program for meshes"
@@ -156,9 +161,13 @@ def _without_doubles(solid: Solid) -> Solid:
     return Solid(solid.vertices, fewer, (*solid.remarks, remark))
 
 
-def _labels(faces: Integers, count: int) -> Integers:
-    """Return the number of the shell of each triangle."""
-    keys, is_forward = edge_keys(faces, count)
+def _labels(solid: Solid) -> Integers:
+    """Return the number of the shell of each triangle.
+
+    Raises a ValueError if shells overlap along edges that they share.
+    """
+    faces = solid.faces
+    keys, is_forward = edge_keys(faces, len(solid.vertices))
     order = np.argsort(keys)
     owner = order // 3
     is_new = np.diff(keys[order], prepend=-1) != 0
@@ -177,12 +186,19 @@ def _labels(faces: Integers, count: int) -> Integers:
     is_open = np.zeros(label.max() + 1, dtype=bool)
     is_open[label[owner[balance[which] != 0]]] = True
     crossing = np.flatnonzero((times[edge] > 2) & is_open[label[owner]])
-    neighbours = crossing[:-1][edge[crossing[:-1]] == edge[crossing[1:]]]
-    following = crossing[1:][edge[crossing[:-1]] == edge[crossing[1:]]]
+    corners = order[crossing]
+    sheets = sheets_at(
+        solid.vertices, faces, corners, edge[crossing], is_forward[corners]
+    )
+    if sheets.twice > SHELL_ROUNDING * solid.volume:
+        raise ValueError(
+            "some shells of the mesh overlap beside edges that they share, so that a "
+            f"part of them would count twice; {ONE_SOLID}"
+        )
     return _joined(
         len(faces),
-        np.concatenate([owner[twice], owner[neighbours]]),
-        np.concatenate([owner[twice + 1], owner[following]]),
+        np.concatenate([owner[twice], sheets.first]),
+        np.concatenate([owner[twice + 1], sheets.second]),
     )
 
 
