@@ -71,7 +71,7 @@ SWINGING = "swinging"
 SWINGING_RUNS = 1600
 SWINGING_SEED = 2
 # Surface, dissipation and samples of mixes with friction, in both directions.
-PIVOT = {"pivot": [5e-4, 2e-3]}
+PIVOT = {"pivot": [5e-4, 2e-3], "creep": [0]}
 MU = {"mu": [0.1, 0.3, 1.0]}
 ROLLING = {"rolling": [1e-5, 1e-4]}
 ELLIPSOID = {"c": [1.0, 3.0]}
@@ -89,6 +89,13 @@ FRICTION: dict[str, tuple[dict[str, Any], dict[str, list[float]], int]] = {
     "ellipsoid-rolling-sliding": (ELLIPSOID, ROLLING | MU, 27),
     "ellipsoid-rolling-pivoting-sliding": (ELLIPSOID, ROLLING | MU | PIVOT, 14),
 }
+# Of the reduced model, pushed between the modes.
+SIGMA = {"sigma": [0.0, 5e-4, 2e-3]}
+REDUCED: dict[str, tuple[dict[str, list[float]], int]] = {
+    "reduced-damped": ({"sigma": [5e-4, 2e-3]}, 90),
+    "reduced-rolling": ({"sigma": [0.0, 2e-3], "rolling": [1e-5, 1e-4]}, 45),
+    "reduced-pivoting": (SIGMA | PIVOT | {"creep": [0.0, 0.3]}, 15),
+}
 FRICTION_SEED = 21  # of the calibration of slides; --seed takes others
 # Friction and number of launches of mixes of wide bodies (`samples.wide_launches`), on
 # paraboloids; each is there on ellipsoids too.  The constants were fitted to seed 1.
@@ -99,7 +106,7 @@ WIDE_OF_PARABOLOIDS: dict[str, tuple[tuple[str, ...], int]] = {
     "wide-pivoting": (("sigma", "pivot"), 3000),
     "wide-rolling-pivoting": (("sigma", "rolling", "pivot"), 3000),
     "wide-sliding": (("sigma", "mu"), 2000),
-    "wide-pivoting-sliding": (("sigma", "mu", "pivot"), 2000),
+    "wide-pivoting-sliding": (("sigma", "mu", "pivot", "creep"), 2000),
 }
 WIDE: dict[str, tuple[str, tuple[str, ...], int]] = {}
 for _name, (_losses, _size) in WIDE_OF_PARABOLOIDS.items():
@@ -198,6 +205,8 @@ def draw(name: str, share: float, seed: int) -> tuple[Batch, Config, NDArray[np.
         plan = _swinging_plan(int(SWINGING_RUNS * share))
     elif name in FRICTION:
         plan = _friction_plan(name, share, seed)
+    elif name in REDUCED:
+        plan = _reduced_plan(name, share, seed)
     elif name in WIDE:
         plan = _wide_plan(name, share, seed)
     else:
@@ -239,6 +248,20 @@ def _friction_plan(name: str, share: float, seed: int) -> Any:
         "bodies": {"source": "sd", "samples": int(count * share)} | surface,
         "dissipation": losses,
         "spin": {"n_i": [0.1, 0.3, 0.5, -0.1, -0.3], "omega_xy0": [0.01, 0.1]},
+        "horizon": {"t_rgh": 5, "t": 2000},
+    }
+    return make_plan(parse_config(config))
+
+
+def _reduced_plan(name: str, share: float, seed: int) -> Any:
+    losses, count = REDUCED[name]
+    spin = {"n_i": [0.1, 0.3, 0.5, -0.1, -0.3], "omega_xy0": [0.01, 0.1], "psi": 20}
+    config = {
+        "seed": seed,
+        "model": "reduced",
+        "bodies": {"source": "sd", "samples": int(count * share)},
+        "dissipation": losses,
+        "spin": spin,
         "horizon": {"t_rgh": 5, "t": 2000},
     }
     return make_plan(parse_config(config))
@@ -483,7 +506,7 @@ def worst(count: int, share: float) -> None:
     "--mix",
     "names",
     multiple=True,
-    type=click.Choice([*MIXES, SWINGING, *FRICTION, *WIDE]),
+    type=click.Choice([*MIXES, SWINGING, *FRICTION, *REDUCED, *WIDE]),
     help="Only these.",
 )
 @click.option("--friction", "is_rubbed", is_flag=True, help="All mixes with friction.")

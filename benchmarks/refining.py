@@ -21,13 +21,16 @@ from scipy.ndimage import label as islands
 
 from rattlesweep.analysis import style
 from rattlesweep.analysis.layout import fill
-from rattlesweep.analysis.plots.maps import CELLS, CODES
 from rattlesweep.arrays import Flags
 from rattlesweep.config.read import parse_config, resolved
 from rattlesweep.store.decide import wanted_runs
 from rattlesweep.store.rows import FOLDER, Stored, nothing_found, open_stored
 from rattlesweep.store.summary import summarise
 
+# The types, and cells without a run, with their colours.
+COLOURS = {name: look.colour for name, look in style.TYPE_STYLE.items()}
+COLOURS |= {"failed": style.FAILED_COLOUR, "missing": style.MISSING_COLOUR}
+CODES = {name: code for code, name in enumerate(COLOURS)}
 LEVELS = (2, 3, 4, 5)
 REFINEMENTS: list[dict[str, Any]] = [
     *({"levels": levels} for levels in LEVELS),
@@ -143,7 +146,7 @@ def draw(stored, code: np.ndarray, done: np.ndarray, missed: np.ndarray) -> obje
     panels = figure.subplots(
         len(spin.omega_xy0), 2, sharex=True, sharey=True, squeeze=False
     )
-    colours = [colour for colour, _ in CELLS.values()]
+    colours = list(COLOURS.values())
     for k, (left, right) in enumerate(panels):
         y, x = np.nonzero(done[:, k])
         left.scatter(

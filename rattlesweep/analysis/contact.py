@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from rattlesweep.analysis.derived import DerivedQuantity, quantity_of
 from rattlesweep.arrays import with_plain_numbers
+from rattlesweep.physics import theory
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.hertz import Ellipse, ellipse
 from rattlesweep.physics.materials import Material, contact_modulus
@@ -14,11 +15,27 @@ from rattlesweep.words.units import natural
 
 PRESSURE = "M g / a^2"
 _LIMITS = (
-    "these are smooth elastic solids at rest: roughness, creep, wear, yielding and the "
-    "grain of wood are left out"
+    "these are smooth elastic solids at rest: roughness, wear, yielding, the slow flow "
+    "of plastics and the grain of wood are left out"
 )
 # Beyond this share of a radius of curvature, a patch is not small.
 MOST_OF_RADIUS = 0.1
+# Name, unit and meaning of each number of a patch.
+QUANTITIES_OF_PATCH = (
+    ("mu", "1", QUANTITIES["mu"].meaning),
+    ("modulus", PRESSURE, "contact modulus E* of both materials"),
+    ("long_half_axis", LENGTH, "half axis of the patch, along the larger radius"),
+    ("short_half_axis", LENGTH, "half axis across it"),
+    ("peak_pressure", PRESSURE, "pressure in the middle of the patch"),
+    ("approach", LENGTH, "distance by which body and plane approach"),
+    ("mean_radius", LENGTH, "mean radius <r>, weighted by the pressure"),
+    ("lever", LENGTH, "mu <r>, of the torque against pivoting: pivot"),
+    ("n_i", RATE, "initial spin"),
+    ("t_spin", TIME, "time in which this torque ends the vertical spin n_i"),
+    ("creep", "1", QUANTITIES["creep"].meaning),
+    ("K_p_creep", "1", "K_p less what creep takes"),
+    ("K_r_creep", "1", "K_r less what creep takes"),
+)
 
 
 @dataclass(frozen=True)
@@ -41,8 +58,10 @@ class ContactPatch:
         Time in s in which this torque ends a vertical spin.
     n_i : float
         That spin in ``sqrt(g/a)``.
-    mu : float
-        Coefficient of friction.
+    mu, creep : float
+        Coefficient of friction, with which the patch also gives way as it pivots.
+    K_p_creep, K_r_creep : float
+        Torque coefficients less what this takes from them.
     modulus : float
         Contact modulus ``E*`` of the materials in Pa.
     materials : tuple of two Material
@@ -63,6 +82,8 @@ class ContactPatch:
     t_spin: float
     n_i: float
     mu: float
+    K_p_creep: float
+    K_r_creep: float
     modulus: float
     materials: tuple[Material, Material]
     body: Rattleback
@@ -71,31 +92,20 @@ class ContactPatch:
     def __post_init__(self) -> None:
         with_plain_numbers(self)
 
+    @property
+    def creep(self) -> float:
+        """The friction with which the patch gives way: `creep` beside `pivot`."""
+        return self.mu
+
     def quantities(self) -> list[DerivedQuantity]:
         """Return the numbers in units of the body and in SI units, with meanings."""
         units = self.body.units
         assert units is not None
-        rows = [
-            ("mu", "1", QUANTITIES["mu"].meaning),
-            ("modulus", PRESSURE, "contact modulus E* of both materials"),
-            (
-                "long_half_axis",
-                LENGTH,
-                "half axis of the patch, along the larger radius",
-            ),
-            ("short_half_axis", LENGTH, "half axis across it"),
-            ("peak_pressure", PRESSURE, "pressure in the middle of the patch"),
-            ("approach", LENGTH, "distance by which body and plane approach"),
-            ("mean_radius", LENGTH, "mean radius <r>, weighted by the pressure"),
-            ("lever", LENGTH, "mu <r>, of the torque against pivoting: pivot"),
-            ("n_i", RATE, "initial spin"),
-            ("t_spin", TIME, "time in which this torque ends the vertical spin n_i"),
-        ]
         quantities = []
-        for name, unit, description in rows:
+        for name, unit, description in QUANTITIES_OF_PATCH:
             value = getattr(self, name)
             # The others are in SI units.
-            if name not in ("mu", "n_i"):
+            if unit != "1" and name != "n_i":
                 value /= units.sizes[unit][0]
             quantities.append(quantity_of(self.body, name, value, unit, description))
         return quantities
@@ -130,6 +140,14 @@ def patch_under(
             f"the patch is not small against the radii of {smaller:.3g} and "
             f"{larger:.3g} m, as Hertz's theory needs"
         )
+    modes = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
+    pitch, roll = theory.creeping_coefficients(body.alpha, body.beta, modes, pivot, mu)
+    if roll * modes.K_r < 0:
+        whole = abs(float(modes.K_r))
+        remarks.append(
+            f"creep takes more than the whole K_r of {whole:.3g}, so no steady spin "
+            "turns back, however fast it is"
+        )
     return ContactPatch(
         **patch._asdict(),
         lever=mu * patch.mean_radius,
@@ -138,6 +156,8 @@ def patch_under(
         t_spin=body.gamma * abs(n_i) / pivot * units.time,
         n_i=n_i,
         mu=mu,
+        K_p_creep=float(pitch),
+        K_r_creep=float(roll),
         modulus=modulus,
         materials=materials,
         body=body,

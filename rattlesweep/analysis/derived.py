@@ -1,19 +1,24 @@
 """The quantities that theory derives from a body and its launch."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import full, steady, stone, theory
+from rattlesweep.physics import losses as laws
 from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.physics.driven import driven_spin, growth_of_drive
 from rattlesweep.physics.readings import Shape, turning_friction
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import direction, garcia_hubbard
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.quantities import (
     COUPLE_CONSTANTS,
+    DRIVES,
     LENGTH,
     LOSSES,
     QUANTITIES,
@@ -21,7 +26,11 @@ from rattlesweep.words.quantities import (
     TIME,
 )
 
-IN_RPM = ("n", "n_i", "n_0", "n_c1", "n_reduced", "n_gh")  # in SI units in rpm
+IN_RPM = (
+    *("n", "n_i", "n_0", "n_c1", "n_reduced", "n_gh"),
+    *("n_base_pitch", "n_base_roll", "n_base"),
+)  # in SI units in rpm
+IN_HERTZ = ("base_frequency", "base_frequency_pitch", "base_frequency_roll")
 TORQUES = ("pivot_torque",)  # in SI units in N m, although their unit is of energies
 # A coefficient of friction that a smooth stone on a smooth table may lack.
 COMMON_FRICTION = 0.3
@@ -29,6 +38,65 @@ SLIPS_AT_REVERSAL = (
     "to reverse without slip this launch needs a coefficient of friction of about "
     "{:.2g}; with less the body slips, as it does with mu"
 )
+
+
+MODES = ("pitch", "roll")
+# Unit and meaning of each quantity.  A body without `c` lacks it, and one without
+# losses or on a plane at rest what follows `growth_roll_exact`.
+DERIVED: dict[str, tuple[str, str]] = {
+    **{name: (QUANTITIES[name].unit, "body") for name in PARAMETERS},
+    "c": (LENGTH, "body: vertical semi-axis of the ellipsoid"),
+    "omega_p": (RATE, "frequency of the pitch (the faster mode)"),
+    "omega_r": (RATE, "frequency of the roll (the slower mode)"),
+    "omega_p0": (RATE, "frequency of the pitch at zero skew angle"),
+    "omega_r0": (RATE, "frequency of the roll at zero skew angle"),
+    "psi_p": ("rad", "direction of the pitch from the x axis"),
+    "psi_r": ("rad", "direction of the roll from the x axis"),
+    "K_p": ("1", "asymmetric torque coefficient of the pitch"),
+    "K_r": ("1", "asymmetric torque coefficient of the roll"),
+    "n_c1": (RATE, "Bondi's threshold of the steady spin"),
+    "n_i": (RATE, "initial spin"),
+    "omega_xy0": (RATE, "initial oscillation"),
+    "psi": ("rad", "direction of the launch: the relevant mode"),
+    "n_0": (RATE, "spin if all energy were spin"),
+    "t_rgh": (TIME, "Garcia and Hubbard's reversal time in the spin's direction"),
+    "friction": ("1", "friction that rolling needs where it reverses"),
+    "growth_pitch": (RATE, "growth rate of the pitch, small spin"),
+    "growth_roll": (RATE, "growth rate of the roll, small spin"),
+    "growth_pitch_exact": (RATE, "growth rate of the pitch at n_i"),
+    "growth_roll_exact": (RATE, "growth rate of the roll at n_i"),
+    **{
+        name: (loss.unit, f"dissipation: {loss.meaning}")
+        for name, loss in LOSSES.items()
+        if name in COUPLE_CONSTANTS
+    },
+    "spin_decay": (RATE, "rate at which an upright spin falls"),
+    "n_growth_pitch": (RATE, "spin above which the pitch grows, small spin"),
+    "n_growth_roll": (RATE, "spin below which the roll grows, small spin"),
+    "least_pitch": (RATE, "least pitch that grows at n_i"),
+    "least_roll": (RATE, "least roll that grows at n_i"),
+    "K_p_creep": ("1", "K_p less what creep takes"),
+    "K_r_creep": ("1", "K_r less what creep takes"),
+    "lever_critical": (LENGTH, "lever of pivoting above which no steady spin reverses"),
+    "base_frequency": (RATE, QUANTITIES["base_frequency"].meaning),
+    "base_acceleration": ("1", "amplitude of its acceleration in g"),
+    "n_base": (RATE, "spin to which the drive leads; none: none"),
+}
+for _mode in MODES:
+    DERIVED |= {
+        f"base_frequency_{_mode}": (
+            RATE,
+            f"drive at which the {_mode} spins the body up",
+        ),
+        f"n_base_{_mode}": (
+            RATE,
+            f"spin to which a drive of this acceleration tuned to the {_mode} leads",
+        ),
+        f"growth_base_{_mode}": (
+            RATE,
+            f"growth rate of the {_mode} at rest under the drive",
+        ),
+    }
 
 
 class DerivedQuantity(NamedTuple):
@@ -40,6 +108,65 @@ class DerivedQuantity(NamedTuple):
     description: str
     # Value and SI unit, if the size of the body is known.
     in_si: tuple[float, str] | None
+
+
+@dataclass(frozen=True)
+class GrowingModes:
+    """What pitch and roll gain from the spin and lose; arrays of both, pitch first.
+
+    The formulas are those of :mod:`rattlesweep.physics.losses`, for small spins.
+    """
+
+    omega: Floats
+    moment: Floats  # about the contact point
+    gain: Floats  # share of the energy, per spin: K_p and -K_r
+    share: Floats  # of the energy that is lost at any spin
+    creep: Floats  # the same by creep, per unit of |n|
+    rolling: float  # lever
+    mu: float  # friction in the patch
+
+    def rates(self, n: float) -> Floats:
+        """Return the growth rates of amplitudes, without rolling resistance."""
+        return laws.growth_of_mode(self.gain, n, self.share, self.creep)
+
+    @property
+    def thresholds(self) -> Floats:
+        """The spins beyond which the modes grow, without rolling resistance."""
+        return laws.growing_from(self.gain, self.share, self.creep)
+
+    def least(self, n: float) -> Floats:
+        """Return the oscillations above which the modes outgrow rolling resistance."""
+        return laws.least_growing(self.rates(n), self.moment, self.rolling)
+
+    @property
+    def K_creep(self) -> Floats:
+        """The gains less what creep takes, where its sign is that of the gain."""
+        return self.gain - np.sign(self.gain) * self.creep
+
+    @property
+    def critical_lever(self) -> float:
+        """The lever of pivoting above which no steady spin reverses."""
+        roll = self.gain[1], self.omega[1], self.moment[1]
+        return float(laws.critical_lever(*roll, self.mu))
+
+
+def growing_modes(
+    body: Rattleback, modes: theory.Modes, losses: Mapping[str, float]
+) -> GrowingModes:
+    """Return the gains and losses of a body's modes."""
+    omega = np.array([modes.omega_p, modes.omega_r])
+    moment = np.array(theory.mode_moments(body.alpha, body.beta, modes))
+    given = {name: np.asarray(value) for name, value in losses.items()}
+    pivot = losses["pivot"], losses["creep"]
+    return GrowingModes(
+        omega=omega,
+        moment=moment,
+        gain=np.array([modes.K_p, -modes.K_r]),
+        share=np.array(theory.loss_shares(moment[0], moment[1], modes, given)),
+        creep=laws.share_of_creep(omega, moment, *pivot),
+        rolling=losses["rolling"],
+        mu=losses["creep"],
+    )
 
 
 def needed_friction(body: Rattleback, psi: Floats, n_0: Floats) -> float:
@@ -62,8 +189,9 @@ def derived(
 ) -> list[DerivedQuantity]:
     """Return all that theory says about a body and a launch on the relevant mode.
 
-    `losses` are constants of dissipation.
+    `losses` are constants of dissipation, and those of a plane that shakes.
     """
+    drive = {name: losses.pop(name) for name in DRIVES if name in losses}
     if n_i == 0:
         raise ConfigError("--n-i 0: a launch without spin has no reversal time")
     b = body
@@ -81,68 +209,91 @@ def derived(
     if lossy:
         n_c1 = math.nan
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
-    damping = np.array(theory.damping_rates(b.alpha, b.beta, m, sigma))
     exact = np.array(steady.growth(constants, n_i, sigma))
-    small = np.array(theory.growth_rates(m.K_p, m.K_r, n_i)) - damping
-    outgrows = 2 * damping / [m.K_p, -m.K_r]
     if any(losses[name] > 0 for name in COUPLE_CONSTANTS if not LOSSES[name].is_linear):
-        # For example, with rolling resistance no small oscillation grows.
+        # No spin is steady, or the equations are not linear.
         exact *= math.nan
-        small *= math.nan
-        outgrows *= math.nan
-    rows: list[tuple[str, Any, str, str]] = []
-    for name in PARAMETERS:
-        rows.append((name, getattr(b, name), QUANTITIES[name].unit, "body"))
+    growing = growing_modes(body, m, losses)
+    small = growing.rates(n_i)
+    least = growing.least(n_i)
+    outgrows = growing.thresholds
+    if losses["rolling"] > 0:
+        # No oscillation grows that is small enough.
+        small = small * math.nan
+        outgrows = outgrows * math.nan
+    values: dict[str, Any] = {name: getattr(b, name) for name in PARAMETERS}
     if b.c is not None:
-        rows.append(("c", b.c, LENGTH, "body: vertical semi-axis of the ellipsoid"))
-    rows += [
-        ("omega_p", m.omega_p, RATE, "frequency of the pitch (the faster mode)"),
-        ("omega_r", m.omega_r, RATE, "frequency of the roll (the slower mode)"),
-        ("omega_p0", m.omega_p0, RATE, "frequency of the pitch at zero skew angle"),
-        ("omega_r0", m.omega_r0, RATE, "frequency of the roll at zero skew angle"),
-        ("psi_p", m.psi_p, "rad", "direction of the pitch from the x axis"),
-        ("psi_r", m.psi_r, "rad", "direction of the roll from the x axis"),
-        ("K_p", m.K_p, "1", "asymmetric torque coefficient of the pitch"),
-        ("K_r", m.K_r, "1", "asymmetric torque coefficient of the roll"),
-        ("n_c1", n_c1, RATE, "Bondi's threshold of the steady spin"),
-        ("n_i", n_i, RATE, "initial spin"),
-        ("omega_xy0", omega_xy0, RATE, "initial oscillation"),
-        ("psi", psi, "rad", "direction of the launch: the relevant mode"),
-        ("n_0", gh.n_0, RATE, "spin if all energy were spin"),
-        (
-            "t_rgh",
-            gh.t_rgh,
-            TIME,
-            "Garcia and Hubbard's reversal time in the spin's direction",
-        ),
-        ("friction", friction, "1", "friction that rolling needs where it reverses"),
-        ("growth_pitch", small[0], RATE, "growth rate of the pitch, small spin"),
-        ("growth_roll", small[1], RATE, "growth rate of the roll, small spin"),
-        ("growth_pitch_exact", exact[0], RATE, "growth rate of the pitch at n_i"),
-        ("growth_roll_exact", exact[1], RATE, "growth rate of the roll at n_i"),
-    ]
+        values["c"] = b.c
+    values |= {
+        "omega_p": m.omega_p,
+        "omega_r": m.omega_r,
+        "omega_p0": m.omega_p0,
+        "omega_r0": m.omega_r0,
+        "psi_p": m.psi_p,
+        "psi_r": m.psi_r,
+        "K_p": m.K_p,
+        "K_r": m.K_r,
+        "n_c1": n_c1,
+        "n_i": n_i,
+        "omega_xy0": omega_xy0,
+        "psi": psi,
+        "n_0": gh.n_0,
+        "t_rgh": gh.t_rgh,
+        "friction": friction,
+        "growth_pitch": small[0],
+        "growth_roll": small[1],
+        "growth_pitch_exact": exact[0],
+        "growth_roll_exact": exact[1],
+    }
     if lossy:
-        decay = sigma / b.gamma
         for name, loss in LOSSES.items():
             if name not in losses or (loss.optional and not losses[name]):
                 continue
-            rows.append((name, losses[name], loss.unit, f"dissipation: {loss.meaning}"))
-        rows += [
-            ("spin_decay", decay, RATE, "rate at which an upright spin falls"),
-            (
-                "n_growth_pitch",
-                outgrows[0],
-                RATE,
-                "spin above which the pitch grows, small spin",
-            ),
-            (
-                "n_growth_roll",
-                outgrows[1],
-                RATE,
-                "spin below which the roll grows, small spin",
-            ),
-        ]
-    return [quantity_of(body, *row) for row in rows]
+            values[name] = losses[name]
+        values |= {
+            "spin_decay": sigma / b.gamma,
+            "n_growth_pitch": outgrows[0],
+            "n_growth_roll": outgrows[1],
+        }
+        if losses["rolling"] > 0:
+            values |= {"least_pitch": least[0], "least_roll": least[1]}
+        if losses["creep"] > 0:
+            values |= {
+                "K_p_creep": growing.K_creep[0],
+                "K_r_creep": -growing.K_creep[1],
+                "lever_critical": growing.critical_lever,
+            }
+    if drive:
+        damping = -growing.rates(0.0)
+        if not np.isfinite(small).all():
+            damping = damping * math.nan
+        values |= _of_base(m, damping, drive)
+    return [
+        quantity_of(body, name, value, *DERIVED[name]) for name, value in values.items()
+    ]
+
+
+def _of_base(
+    m: theory.Modes, damping: Floats, drive: dict[str, float]
+) -> dict[str, float]:
+    """Return what a plane that shakes does: where the body spins up, and how far."""
+    frequency = drive["base_frequency"]
+    acceleration = drive["base_acceleration"]
+    omega = np.array([m.omega_p, m.omega_r], float)
+    coefficients = np.array([m.K_p, -np.asarray(m.K_r)], float)
+    # At rest, from the drive as it is, and from one that is tuned to each mode.
+    growth = growth_of_drive(omega, frequency, acceleration)
+    tuned = growth_of_drive(omega, 2 * omega, acceleration)
+    spins = driven_spin(growth, damping, coefficients)
+    tuned_spins = driven_spin(tuned, damping, coefficients)
+    values = {"base_frequency": frequency, "base_acceleration": acceleration}
+    for k, mode in enumerate(MODES):
+        values[f"base_frequency_{mode}"] = 2 * omega[k]
+        values[f"n_base_{mode}"] = tuned_spins[k]
+        values[f"growth_base_{mode}"] = growth[k] - damping[k]
+    reached = spins[np.isfinite(spins)]
+    values["n_base"] = reached[0] if reached.size else math.nan
+    return values
 
 
 def quantity_of(
@@ -163,6 +314,8 @@ def si_of(name: str, unit: str, units: Units) -> tuple[float, str]:
     size, si_unit = units.sizes[unit]
     if name in IN_RPM:
         return size * (30 / math.pi), "rpm"
+    if name in IN_HERTZ:
+        return size / (2 * math.pi), "Hz"
     if name in TORQUES:
         return size, "N m"
     return size, si_unit

@@ -220,6 +220,32 @@ def table_as_text(table: pd.DataFrame) -> str:
     return align(lines, "<><<>")
 
 
+def advice_as_text(advice: pd.DataFrame) -> str:
+    """Return what would make launches turn back as aligned text."""
+    lines = [["what would make it turn back", "spun", "at", "after", "sure"]]
+    for row in advice.to_dict("records"):
+        sure = "yes" if row["sure"] else "no"
+        time = "-" if np.isnan(row["t_s"]) else f"{row['t_s']:#.3g} s"
+        spin = f"{row['spin_rpm']:g} rpm"
+        lines.append([row["words"], row["direction"], spin, time, sure])
+    return align(lines, "<<>")
+
+
+def _advised(advice: pd.DataFrame | None) -> list[str]:
+    """Return the advice as sentences for the caption of a figure."""
+    if advice is None:
+        return []
+    sentences = []
+    for row in advice.to_dict("records"):
+        launch = f"spun {row['direction']}"
+        sentence = row["words"]
+        if row["change"] != "spin":
+            launch += f" at {row['spin_rpm']:g} rpm"
+            sentence += " would turn it back"
+        sentences.append(f"{launch[:1].upper()}{launch[1:]}, {sentence}.")
+    return sentences
+
+
 def _times(table: pd.DataFrame) -> pd.Series[float]:
     """Return the times of outcomes, NaN for a spin that goes on to the end."""
     times = table["t_s"].fillna(table["held_s"])
@@ -244,10 +270,11 @@ def draw_verdict(
     curves: Sequence[SpinCurve],
     sentence: str,
     path: str | Path | None = None,
+    advice: pd.DataFrame | None = None,
 ) -> Figure:
     """Return a figure of the spins of a verdict over time, a panel for each launch.
 
-    A dot is the first reversal.
+    A dot is the first reversal.  The caption says what would make it turn back.
     """
     directions = list(dict.fromkeys(table["direction"]))
     spins = list(dict.fromkeys(table["spin_rpm"]))
@@ -297,4 +324,5 @@ def draw_verdict(
             look = {"color": colours[friction], "linestyle": "-"}
             handles.append(style.entry(words, marker="o", **look))
         style.add_legend(figure, handles, [sentence.replace(". ", ".\n")])
+        style.add_caption(figure, _advised(advice))
         return shown(figure, path)

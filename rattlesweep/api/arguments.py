@@ -12,8 +12,8 @@ import numpy as np
 from rattlesweep.arrays import EXACT_WHOLE, Floats, refuse_foreign_units, unmasked
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.si import GRAVITY, Units, check_spins
-from rattlesweep.words.errors import ConfigError, one_line
-from rattlesweep.words.quantities import LOSSES, QUANTITIES
+from rattlesweep.words.errors import ConfigError, check_names, one_line
+from rattlesweep.words.quantities import ACTING, QUANTITIES
 from rattlesweep.words.units import (
     in_si,
     is_measured,
@@ -37,11 +37,16 @@ BodiesLike: TypeAlias = (
 # The arguments that may be given in SI units, and their kinds.
 _KINDS = {
     name: QUANTITIES[name].kind
-    for name in ("n", "n_i", "omega_xy0", "t_end", "dt", *LOSSES)
+    for name in ("n", "n_i", "omega_xy0", "t_end", "dt", *ACTING, "base_amplitude")
     if QUANTITIES[name].kind
 }
 _KINDS |= {"omega": "spin", "from_time": "time", "times": "time"}
 _KINDS |= {"e_p0": "energy", "e_r0": "energy"}
+_KINDS |= {"period": "time", "energy": "energy"}
+_KEYS_OF_BASE = (
+    *("frequency", "acceleration", "amplitude", "phase_deg"),
+    *("direction", "azimuth_deg"),
+)
 # Columns that hold the size of bodies, and the height of their rims.
 SIZE_COLUMNS = ("mass_kg", "height_m", "gravity_m_s2", "rim")
 OF_BODIES = (*PARAMETERS, "c", *SIZE_COLUMNS)
@@ -190,6 +195,43 @@ def _floats(name: str, value: object, units: Units | None) -> Floats:
         )
     natural = units.natural(array, kind)
     return np.where(is_in_si, natural, array)
+
+
+def columns_of_base(base: object, units: Units | None = None) -> dict[str, Floats]:
+    """Return the columns of a plane that shakes, in the units of the bodies.
+
+    It is a pair of frequency and acceleration, or a mapping with the keys of a config.
+    """
+    if not isinstance(base, Mapping):
+        if not isinstance(base, tuple | list) or len(base) != 2:
+            raise ConfigError(
+                f"base: {kind_of(base)} is given; give (frequency, acceleration), or a "
+                "mapping with the keys of a config"
+            )
+        base = dict(zip(("frequency", "acceleration"), base, strict=True))
+    given = {name: value for name, value in base.items() if value is not None}
+    check_names("keys of base", given, _KEYS_OF_BASE)
+    if given.pop("direction", "vertical") != "vertical" or "azimuth_deg" in given:
+        raise ConfigError(
+            "base: there are no equations for a plane that shakes along itself; take "
+            "direction vertical, and leave azimuth_deg out"
+        )
+    if "frequency" not in given or ("acceleration" in given) == ("amplitude" in given):
+        raise ConfigError(
+            "base: give frequency, and acceleration or amplitude, and not both"
+        )
+    frequency = numbers("base_frequency", given["frequency"], units)
+    if "amplitude" in given:
+        stroke = numbers("base_amplitude", given["amplitude"], units)
+        acceleration = stroke * frequency**2
+    else:
+        acceleration = numbers("base_acceleration", given["acceleration"], units)
+    phase = np.radians(numbers("psi", given.get("phase_deg", 0.0)))
+    return {
+        "base_frequency": frequency,
+        "base_acceleration": acceleration,
+        "base_phase": phase,
+    }
 
 
 def _is_in_si(entry: object, kind: str) -> bool:

@@ -38,8 +38,8 @@ def contact_patch(
     weight times the lever ``mu <r>``, where ``<r>`` is the mean radius of the pressure.
     The attribute ``pivot`` has this lever in units of ``a``.
 
-    The theory is that of smooth elastic solids.  It leaves out roughness, creep, wear,
-    yielding and the grain of wood.
+    The theory is that of smooth elastic solids.  It leaves out roughness, wear,
+    yielding, the slow flow of plastics and the grain of wood.
 
     Parameters
     ----------

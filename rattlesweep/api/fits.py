@@ -69,9 +69,9 @@ def fit(
         0.  A column such as ``angle_error_deg`` has the standard errors.
     free : sequence of str
         Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, pivot,
-        creep, mu, skew`` (which is ``-xi``), ``xi, theta, phi, alpha, beta, gamma,
-        c``, and of a mapping ``length, width, height, mass, weights, wall, axes_angle,
-        f_sd``.  The search begins at their given values.
+        creep, viscous, mu, skew`` (which is ``-xi``), ``xi, theta, phi, alpha, beta,
+        gamma, c``, and of a mapping ``length, width, height, mass, weights, wall,
+        axes_angle, f_sd``.  The search begins at their given values.
     launch : mapping
         ``n_i, omega_xy0, psi`` or ``omega, u``; free parameters may be left out. For
         several films also a list.
@@ -83,7 +83,7 @@ def fit(
         Whether to show a bar, by default in a terminal and in a notebook.
     **losses
         Dissipation, as for ``simulate``: ``sigma``, ``rolling``, ``pivot``,
-        ``creep`` and ``mu``.
+        ``creep``, ``viscous`` and ``mu``.
 
     Raises
     ------

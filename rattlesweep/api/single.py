@@ -14,7 +14,7 @@ from rattlesweep.api.arguments import BodiesLike, check_count, numbers, one_numb
 from rattlesweep.arrays import Floats
 from rattlesweep.system.console import Bar
 from rattlesweep.words.errors import ConfigError, ConfigWarning, check_names
-from rattlesweep.words.quantities import INITIAL_RATES, LOSSES
+from rattlesweep.words.quantities import ACTING, INITIAL_RATES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +42,8 @@ LAUNCH_ARGUMENTS = (
     "t_end",
     "psi",
     "model",
-    *LOSSES,
+    *ACTING,
+    "base",
     *INTEGRATOR,
 )
 
@@ -190,8 +191,13 @@ def simulate(
         - ``pivot`` : array_like, lever of the torque against pivoting, in ``a``
         - ``creep`` : array_like, friction in the patch that pivots, which then gives
           way
+        - ``viscous`` : array_like, friction of the foot over its speed of slip, in ``M
+          sqrt(g/a)``; at 0 it does not slip
         - ``mu`` : array_like, coefficient of sliding friction; without it the foot
           never slides
+        - ``base`` : tuple or mapping, a plane that shakes: ``(frequency,
+          acceleration)`` or the keys of a config, such as ``{"frequency": "25 Hz",
+          "amplitude": "0.1 mm"}``
         - ``method`` : str, with its ``tol`` or ``dt_step``
         - ``accuracy`` : ``"draft"`` or a mapping such as ``{"t_r": 1e-6}``, instead
 
@@ -206,11 +212,18 @@ def simulate(
         "arguments", settings, (*LAUNCH_ARGUMENTS, "record", "threads", "progress")
     )
     integrator = {name: settings[name] for name in INTEGRATOR if name in settings}
-    losses = {name: settings[name] for name in LOSSES if name in settings}
+    losses = {name: settings[name] for name in ACTING if name in settings}
     check_count("threads", threads)
     spin = {"n_i": n_i, "omega_xy0": omega_xy0}
     columns, shape = _columns_of_runs(
-        body, spin=spin, omega=omega, u=u, t_end=t_end, psi=psi, losses=losses
+        body,
+        spin=spin,
+        omega=omega,
+        u=u,
+        t_end=t_end,
+        psi=psi,
+        losses=losses,
+        base=settings.get("base"),
     )
     _doubt_taps(columns)
     names = arguments.names_of("record", record)
@@ -236,6 +249,7 @@ def _columns_of_runs(
     t_end: ArrayLike | None,
     psi: ArrayLike | None,
     losses: Mapping[str, ArrayLike],
+    base: object = None,
 ) -> tuple[dict[str, Floats], tuple[int, ...]]:
     """Return the columns of bodies with their launches, and the shape of the runs.
 
@@ -257,6 +271,8 @@ def _columns_of_runs(
         for name, value in values.items()
         if value is not None
     }
+    if base is not None:
+        arrays |= arguments.columns_of_base(base, units)
     is_full = is_full_state(omega, u, {**spin, "psi": psi})
     if is_full:
         arrays |= arguments.full_states(omega, u, units)
@@ -331,10 +347,14 @@ def launch_of(
     check_names("arguments", values, (*LAUNCH_ARGUMENTS, "e_p0", "e_r0"))
     present = {name: value for name, value in values.items() if value is not None}
     integrator = {name: present.pop(name) for name in INTEGRATOR if name in present}
+    base = present.pop("base", None)
     single: dict[str, Any] = {
         name: one_number(name, value, stone.units) for name, value in present.items()
     }
-    losses = {name: single.pop(name) for name in LOSSES if name in single}
+    losses = {name: single.pop(name) for name in ACTING if name in single}
+    if base is not None:
+        columns = arguments.columns_of_base(base, stone.units)
+        losses |= {name: _only(name, column) for name, column in columns.items()}
     components: list[float] | None = None
     if omega is not None:
         state = arguments.full_states(omega, u, stone.units)
@@ -349,6 +369,13 @@ def launch_of(
         losses=losses,
         **single,
     )
+
+
+def _only(name: str, column: Floats) -> float:
+    """Return the number of a column of one run, or refuse several."""
+    if column.shape:
+        raise ConfigError(f"base: {name} has the shape {column.shape}; give one number")
+    return float(column)
 
 
 def _with_launches(

@@ -23,6 +23,7 @@ from rattlesweep.cli.options import (
 from rattlesweep.system.console import align
 from rattlesweep.words.defaults import FINENESS, PATCH_FRICTION, PATCH_SPIN
 from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.units import readable_unit
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.derived import DerivedQuantity
@@ -45,6 +46,7 @@ MOST_FINENESS = 400  # 1.3 million triangles
 @options.body_options
 @options.spin_options
 @options.dissipation
+@options.base
 @options.file(
     "--figure",
     *options.PICTURES,
@@ -63,19 +65,27 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
         SLIPS_AT_REVERSAL,
         derived,
     )
-    from rattlesweep.api.arguments import one_number, require_units
+    from rattlesweep.api.arguments import (
+        columns_of_base,
+        one_number,
+        require_units,
+    )
 
     probe_files(figure)
     of_mesh = {name: given[name] for name in options.BODY if given[name] is not None}
     if figure is not None and "mesh" not in of_mesh:
         raise ConfigError("--figure shows a mesh; add --mesh, or leave it out")
     described = body_of(given)
+    drive = pick(given, "base").get("base")
     launch = pick(given, *given)
     require_units(launch, described.units, flag)
     launch = options.SPIN_DEFAULTS | launch
     numbers: Given = {
         name: one_number(name, value, described.units) for name, value in launch.items()
     }
+    if drive is not None:
+        of_base = columns_of_base(drive, described.units)
+        numbers |= {name: float(value) for name, value in of_base.items()}
     values = derived(described, **numbers)
     friction = {quantity.name: quantity.value for quantity in values}["friction"]
     # Sliding friction changes none of these quantities.
@@ -119,7 +129,9 @@ def _as_table(body: Rattleback, values: list[DerivedQuantity]) -> str:
         if body.units is not None:
             si = ["", ""]
             if quantity.in_si is not None:
-                si = [f"{quantity.in_si[0]:.5g}", quantity.in_si[1]]
+                size, unit = quantity.in_si
+                factor, unit = readable_unit(size, unit)
+                si = [f"{factor * size:.5g}", unit]
             line += si
         lines.append([*line, quantity.description])
     return align(lines, "<><" if body.units is None else "<><><")
@@ -173,8 +185,9 @@ def contact(stone: Path | None, as_json: bool, **given: Any) -> None:
     """Print the patch of contact under a stone at rest, and the lever of pivoting.
 
     While a stone spins, this patch rubs on the plane and ends the spin: with a torque
-    of the weight times a lever, which dissipation.pivot takes in a config. The patch is
-    Hertz's ellipse, of smooth elastic solids: without roughness, creep, wear, yielding
+    of the weight times a lever, which dissipation.pivot takes in a config. It also
+    gives way, with the friction of dissipation.creep. The patch is Hertz's ellipse, of
+    smooth elastic solids: without roughness, wear, yielding, the slow flow of plastics
     or the grain of wood. STONE is a file as for `fit`, of which only the body counts;
     or options describe the body.
     """

@@ -154,7 +154,8 @@ def read_stone(path: Path) -> dict[str, Any]:
             "and launch (docs/fit.md)"
         )
     stone = checked(Stone, data, places, problems)
-    losses = vars(stone.dissipation)
+    # What is not given may have another default than none (creep).
+    losses = stone.dissipation.model_dump(exclude_unset=True)  # type: ignore[attr-defined]
     section = "body"
     try:
         with doubts_said():

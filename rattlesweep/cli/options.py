@@ -1,6 +1,7 @@
 """What commands share: their class, their options, and the types of option values."""
 
 import json
+import math
 import pkgutil
 import re
 import sys
@@ -35,6 +36,8 @@ from rattlesweep.words.errors import (
 )
 from rattlesweep.words.names import (
     ACCURACY_NAMES,
+    DOCUMENT_NAMES,
+    ENGINE_NAMES,
     EXPORT_FORMATS,
     MODEL_NAMES,
     PLOT_NAMES,
@@ -148,8 +151,25 @@ def tell(*lines: object) -> None:
 
 
 def to_json(data: object) -> str:
-    """Return data as JSON; what JSON does not know, such as a path, is a text."""
-    return json.dumps(data, indent=2, allow_nan=False, default=str)
+    """Return data as JSON.
+
+    What is not finite is null; what JSON does not know, such as a path, is a text.
+    """
+    return json.dumps(_plain(data), indent=2, allow_nan=False, default=str)
+
+
+def _plain(data: object) -> object:
+    """Return data with the numbers of Python, and None for those not finite."""
+    if isinstance(data, dict):
+        return {name: _plain(value) for name, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    of_numpy = getattr(data, "tolist", None)
+    if of_numpy is not None:
+        return _plain(of_numpy())
+    if isinstance(data, float) and not math.isfinite(data):
+        return None
+    return data
 
 
 def probe_files(*files: Path | None) -> None:
@@ -268,6 +288,19 @@ def _direction(text: str) -> float | str:
     return text
 
 
+def _base(text: str) -> dict[str, float | str]:
+    """Read a drive: a frequency, and an acceleration or an amplitude."""
+    example = "as in 2.88,0.02 or 25Hz,0.1mm"
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != 2:
+        raise ValueError(f"is no frequency with an acceleration; write it {example}")
+    frequency, strength = parts
+    base = {"frequency": _measured("frequency", frequency)}
+    with suppress(ValueError):
+        return base | {"acceleration": float(strength)}
+    return base | {"amplitude": _measured("length", strength)}
+
+
 def _materials(text: str) -> tuple[str | dict[str, str | float], ...]:
     """Read materials, each a name or as in ``E=3.5GPa nu=0.36``."""
     materials: list[str | dict[str, str | float]] = []
@@ -330,6 +363,7 @@ def several(metavar: str, kind: str, *counts: int) -> Kind:
 
 
 PICTURES = (".svg", ".png", ".pdf")
+FILE = Kind("file", _path)
 COUNT = Kind("n", partial(_whole, 1, 1e12))
 NUMBER = Kind("n", partial(_whole, 0, 1e12))
 THREADS = Kind("n", partial(_whole, 1, MOST_THREADS))
@@ -355,7 +389,9 @@ PRESET_CHOICE = Choice(PRESET_NAMES)
 MODEL_CHOICE = Choice(MODEL_NAMES)
 ACCURACY_CHOICE = Choice(ACCURACY_NAMES)
 PLOTS = Choice(PLOT_NAMES)
+DOCUMENT_CHOICE = Choice(DOCUMENT_NAMES)
 FORMAT_CHOICE = Choice(EXPORT_FORMATS)
+ENGINE_CHOICE = Choice(ENGINE_NAMES)
 LIST_OF_METHODS = Choice(list(METHODS))
 
 # Groups of options.
@@ -575,6 +611,14 @@ spin_options = group(
     named("n_i", SPIN_VALUE, f"  [default: {LAUNCH_SPIN:g}]"),
     named("omega_xy0", SPIN_VALUE, f"  [default: {LAUNCH_PUSH:g}]"),
 )
+base = group(
+    (
+        "--base",
+        Kind("frequency,acceleration", _base),
+        "A plane that shakes: angular frequency in sqrt(g/a) or with a unit, and "
+        "acceleration in g, or amplitude with a unit, as in 25Hz,0.1mm.",
+    ),
+)
 launch_options = stack(
     spin_options,
     group(
@@ -597,6 +641,7 @@ launch_options = stack(
         ),
     ),
     dissipation,
+    base,
     t_end,
 )
 integrator = stack(

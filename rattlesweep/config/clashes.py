@@ -11,7 +11,7 @@ from rattlesweep.config.body_sources import (
     ShapeSource,
     Surfaced,
 )
-from rattlesweep.config.keys import FROM_TABLE, MAX_CASES, Base
+from rattlesweep.config.keys import FROM_TABLE, MAX_CASES, OF_SLIDES, Base
 from rattlesweep.config.schema import Config
 from rattlesweep.config.values import AT_REST
 from rattlesweep.kernel.method.tableau import METHODS
@@ -31,6 +31,10 @@ SETTING_KEYS = {
     "omega_xy0": "spin.omega_xy0",
     "t_end": "horizon.t",
     **{name: f"dissipation.{name}" for name in LOSSES},
+    "base_frequency": "base.frequency",
+    "base_acceleration": "base.acceleration",
+    "base_amplitude": "base.amplitude",
+    "base_phase": "base.phase_deg",
 }
 """Keys that may have SI units, by the columns that they set."""
 
@@ -43,6 +47,7 @@ def clashes(config: Config) -> Iterator[Clash]:
     yield from _launches(config)
     yield from _units(config)
     yield from _dissipation(config)
+    yield from _plane(config)
     yield from _integrator(config)
     yield from _records(config)
 
@@ -79,7 +84,7 @@ def _launches(config: Config) -> Iterator[Clash]:
         )
     if launch and not any((*launch.omega, *launch.u[:2])):
         yield "launch", AT_REST
-    lengths = [len(values) for values in config.dissipation.values.values()]
+    lengths = [len(values) for values in config.acting.values.values()]
     if spin:
         lengths += [len(spin.n_i), len(spin.omega_xy0)]
     if isinstance(config.bodies, SdSource) and config.bodies.target:
@@ -131,18 +136,80 @@ def _dissipation(config: Config) -> Iterator[Clash]:
         )
     if any(FROM_TABLE in values for values in losses.values.values()) and not table:
         yield "dissipation", "the word table needs source: table; give a number"
+    if OF_SLIDES in losses.creep and (len(losses.creep) > 1 or not losses.slides):
+        yield (
+            "dissipation.creep",
+            "the word mu stands for dissipation.mu; give that, and no further creep, "
+            "or a number",
+        )
+    drives = config.base.values if config.base else {}
+    if any(FROM_TABLE in values for values in drives.values()) and not table:
+        yield "base", "the word table needs source: table; give a number"
     if losses.creeps and not losses.pivots:
         yield (
             "dissipation.creep",
             "the contact creeps only where it pivots; give dissipation.pivot, or leave "
             "creep out",
         )
+    if losses.slips:
+        yield from _slipping(config)
     if losses.slides:
         yield from _sliding(config)
-    if losses and config.model != "full":
+    if losses and config.model == "gh":
+        yield "dissipation", "the model gh conserves energy; take full or reduced"
+    if losses.slides and config.model == "reduced":
         yield (
-            "dissipation",
-            f"the model {config.model} conserves energy; take model: full",
+            "dissipation.mu",
+            "the reduced model has no contact force, so no foot slides; take model: "
+            "full, or leave mu out",
+        )
+
+
+def _slipping(config: Config) -> Iterator[Clash]:
+    """Refuse what is not defined where the foot slips under viscous friction."""
+    if config.dissipation.slides:
+        yield (
+            "dissipation.viscous",
+            "with viscous friction the foot slips under any force, so it has no limit "
+            "mu; leave out viscous or mu",
+        )
+    if config.dissipation.pivots:
+        yield (
+            "dissipation.viscous",
+            "pivoting is that of a foot that holds, and with viscous friction it "
+            "slips; leave out viscous or pivot",
+        )
+    method = config.integrator.method
+    if not METHODS[method].adaptive:
+        yield (
+            "integrator.method",
+            f"{method} cannot follow viscous slip, whose steps must adapt; take "
+            "dop853, or leave dissipation.viscous out",
+        )
+
+
+def _plane(config: Config) -> Iterator[Clash]:
+    """Refuse a plane that is not described, or that no equations are for."""
+    plane = config.base
+    if plane is None:
+        return
+    if (plane.acceleration is None) == (plane.amplitude is None):
+        yield "base.acceleration", "give acceleration or amplitude, and not both"
+    if plane.direction == "horizontal":
+        yield (
+            "base.direction",
+            "there are no equations for a plane that shakes along itself; take "
+            "vertical",
+        )
+    elif plane.azimuth_deg is not None:
+        yield (
+            "base.azimuth_deg",
+            "a plane that shakes up and down has no azimuth; leave it out",
+        )
+    if config.model != "full":
+        yield (
+            "base",
+            f"the plane of the model {config.model} is at rest; take model: full",
         )
 
 
@@ -184,8 +251,8 @@ def _integrator(config: Config) -> Iterator[Clash]:
     if integrator.goal and (config.model == "gh" or config.goes_on):
         yield (
             "integrator",
-            "accuracy {t_r: ...} excludes model gh and record reversals or spectrum; "
-            "keep one",
+            "accuracy {t_r: ...} excludes model gh and record reversals, spectrum or "
+            "late; keep one",
         )
 
 
@@ -193,7 +260,7 @@ def _records(config: Config) -> Iterator[Clash]:
     early = config.classify.early
     recorded = {*config.record}
     is_paraboloid = CONSTANT_OF_SURFACE[config.bodies.bottom] is None
-    plain = is_paraboloid and not config.dissipation
+    plain = is_paraboloid and not config.acting
     if early and not (plain and config.model == "full"):
         yield (
             "classify",
@@ -205,11 +272,12 @@ def _records(config: Config) -> Iterator[Clash]:
             yield "record", needs
     if {"spectrum", "error"} <= recorded:
         yield "record", "spectrum and error exclude each other; keep one"
-    if early and {"lyapunov", "spectrum", "volume", "reversals"} & recorded:
+    whole = {"lyapunov", "spectrum", "volume", "reversals", "late", "casimir"}
+    if early and whole & recorded:
         yield (
             "record",
-            "lyapunov, spectrum, volume and reversals need whole runs; leave "
-            "classify.early out",
+            "lyapunov, spectrum, volume, reversals, late and casimir need whole runs; "
+            "leave classify.early out",
         )
 
 

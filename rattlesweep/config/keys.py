@@ -13,6 +13,7 @@ from rattlesweep.words.quantities import (
 
 MAX_CASES = 100_000
 FROM_TABLE = "table"  # stands for values that the rows of a table give
+OF_SLIDES = "mu"  # stands for a creep with the friction of slides
 PATH = {"min_length": 1, "pattern": r"^[^\x00]*$"}
 
 

@@ -174,6 +174,7 @@ def fixed_part(config: Config) -> dict[str, Any]:
         "output": True,
         "stop": True,
         "dissipation": True,
+        "base": True,
         "spin": {"n_i", "omega_xy0"},
         "classify": thresholds,
         # A run that ends within max_steps does not depend on it.
@@ -189,7 +190,7 @@ def fixed_part(config: Config) -> dict[str, Any]:
     fixed = config.model_dump(mode="json", exclude_none=True, exclude=free)
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         fixed["bodies"]["target"]["coefficient"] = config.bodies.target.name
-    laws = [config.dissipation.law]
+    laws = [config.acting.law]
     if config.dissipation.slides:
         laws.append("sliding")
     fixed["dissipation"] = "_".join(laws)

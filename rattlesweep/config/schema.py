@@ -3,8 +3,9 @@ keys.
 """
 
 import json
+import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from typing import Annotated, Any, Literal, Self
@@ -16,7 +17,15 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from rattlesweep.arrays import Floats
 from rattlesweep.config import KeyPlaces
 from rattlesweep.config.body_sources import AnySource, GridSource, Refine
-from rattlesweep.config.keys import FROM_TABLE, PATH, Base, Time, _within, key
+from rattlesweep.config.keys import (
+    FROM_TABLE,
+    OF_SLIDES,
+    PATH,
+    Base,
+    Time,
+    _within,
+    key,
+)
 from rattlesweep.config.values import (
     UNIQUE,
     Count,
@@ -40,7 +49,9 @@ from rattlesweep.words.names import (
 from rattlesweep.words.quantities import (
     CONSTANT_OF_SURFACE,
     COUPLE_CONSTANTS,
+    DRIVES,
     LOSSES,
+    QUANTITIES,
     Loss,
     law_of,
 )
@@ -135,7 +146,8 @@ def loss_key(loss: Loss) -> Any:
         item = quantity_or(number, loss.kind, unit, FROM_TABLE)
         meaning = f"{loss.key}, {unit} or with a unit."
     else:
-        item = number_or(number, FROM_TABLE)
+        words = (FROM_TABLE, OF_SLIDES) if loss.name == "creep" else (FROM_TABLE,)
+        item = number_or(number, *words)
         meaning = f"{loss.key}."
     values = Several[Annotated[float | str, item]]
     if loss.default is None:
@@ -164,12 +176,19 @@ class Dissipation(LossKeys):  # type: ignore[misc]
         return [name for name in LOSSES if getattr(self, name) not in absent]
 
     @property
+    def creeps_with_mu(self) -> bool:
+        """Whether the patch creeps with the friction of slides."""
+        creep: list[float | str] = self.creep
+        return creep == [OF_SLIDES]
+
+    @property
     def values(self) -> dict[str, list[float | str]]:
-        """The values of each constant that cases and columns have."""
+        """The values of each constant that cases have."""
         return {
             name: getattr(self, name)
             for name, loss in LOSSES.items()
-            if name in self.present or not loss.optional
+            if not loss.optional
+            or (name in self.present and getattr(self, name) != [OF_SLIDES])
         }
 
     @property
@@ -193,9 +212,118 @@ class Dissipation(LossKeys):  # type: ignore[misc]
         return "creep" in self.present
 
     @property
+    def slips(self) -> bool:
+        """Whether the foot slips under viscous friction."""
+        return "viscous" in self.present
+
+    @property
     def slides(self) -> bool:
         """Whether the foot slides where the plane does not hold it."""
         return "mu" in self.present
+
+    def __bool__(self) -> bool:
+        return bool(self.present)
+
+
+def _drive(name: str) -> object:
+    """Return the type of the values of a constant of a plane that shakes."""
+    quantity = QUANTITIES[name]
+    number = Annotated[float, _within(name)]
+    if quantity.kind:
+        item = quantity_or(number, quantity.kind, f"in {quantity.unit}", FROM_TABLE)
+    else:
+        item = number_or(number, FROM_TABLE)
+    return Annotated[float | str, item]
+
+
+BASE_DIRECTIONS = ("vertical", "horizontal")
+
+
+class Shaking(Base):
+    """A plane that shakes. Each value of a list is a case; `table` stands for a table's
+    column.
+    """
+
+    frequency: Several[_drive("base_frequency")] = key(  # type: ignore[valid-type]
+        ...,
+        "Angular frequency in sqrt(g/a) or rad/s, or cycles a second, such as 25 Hz.",
+    )
+    acceleration: Several[_drive("base_acceleration")] | None = key(  # type: ignore[valid-type]
+        None, "Amplitude of the plane's acceleration in g."
+    )
+    amplitude: Several[_drive("base_amplitude")] | None = key(  # type: ignore[valid-type]
+        None, "Amplitude of the plane's path, in a or with a unit, in its place."
+    )
+    phase_deg: Several[
+        Annotated[
+            float | str,
+            number_or(Annotated[float, Field(ge=-360, le=360)], FROM_TABLE),
+        ]
+    ] = key([0.0], "Phase at launch, in degrees; 0: the weight is at its largest.")
+    direction: Annotated[str, OneOf(BASE_DIRECTIONS)] = key(
+        "vertical", "Direction in which it shakes."
+    )
+    azimuth_deg: Annotated[float, Field(ge=-360, le=360)] | None = key(
+        None, "Of a horizontal one: the angle from the body's x axis at launch."
+    )
+
+    @property
+    def present(self) -> list[str]:
+        """The constants in runs, none if the plane is at rest in all."""
+        absent: tuple[object, ...] = (None, [0])
+        if self.acceleration in absent and self.amplitude in absent:
+            return []
+        return list(DRIVES)
+
+    @property
+    def values(self) -> dict[str, list[float | str]]:
+        """The values that cases have, of the amplitude in place of the acceleration."""
+        if not self.present:
+            return {}
+        values: dict[str, list[float | str]] = {"base_frequency": self.frequency}
+        if self.acceleration is not None:
+            values["base_acceleration"] = self.acceleration
+        elif self.amplitude is not None:
+            values["base_amplitude"] = self.amplitude
+        values["base_phase"] = [
+            x if isinstance(x, str) else math.radians(x) for x in self.phase_deg
+        ]
+        return values
+
+    def with_columns(self, columns: Mapping[str, list[float | str]]) -> "Shaking":
+        """Return the plane with the columns of a table, which have the names of runs.
+
+        The phase of a column is in radians.
+        """
+        keys = {name.removeprefix("base_"): values for name, values in columns.items()}
+        if "phase" in keys:
+            keys["phase_deg"] = keys.pop("phase")
+        if "acceleration" in keys:
+            keys["amplitude"] = None  # type: ignore[assignment]
+        return self.model_copy(update=keys)
+
+
+UNSHAKEN = Shaking.model_construct(frequency=[0.0])
+"""A plane that does not shake."""
+
+
+class Acting:
+    """What acts on bodies in a sweep: dissipation, and a plane that shakes."""
+
+    def __init__(self, losses: Dissipation, plane: Shaking) -> None:
+        self.present = losses.present + plane.present
+        self.values = losses.values | plane.values
+        self.is_shaken = bool(plane.present)
+
+    @property
+    def law(self) -> str:
+        """The actions of the constants, as models are named by them."""
+        return law_of(self.present)
+
+    @property
+    def does_work(self) -> bool:
+        """Whether actions do work that the state counts."""
+        return bool(self.law)
 
     def __bool__(self) -> bool:
         return bool(self.present)
@@ -368,7 +496,8 @@ class Config(Base):
     horizon: Horizon = key(
         lambda: Horizon(t_rgh=5.0), "When runs that do not reverse end."
     )
-    dissipation: Dissipation = key(Dissipation, "Loss of energy, for model full.")
+    dissipation: Dissipation = key(Dissipation, "Loss of energy, not for model gh.")
+    base: Shaking | None = key(None, "A plane that shakes, for model full.")
     integrator: Integrator = key(Integrator, "Integration method.")
     classify: Classify = key(Classify, "Thresholds between types of runs.")
     record: Annotated[
@@ -378,8 +507,8 @@ class Config(Base):
         BeforeValidator(_word_as_list),
     ] = key(
         list,
-        "Extra columns; with reversals or spectrum, runs go on to the horizon after "
-        "they reverse.",
+        "Extra columns; with reversals, spectrum or late, runs go on to the horizon "
+        "after they reverse.",
     )
     output: str | None = key(None, "Directory; null: out/<name>.", **PATH)
 
@@ -435,7 +564,7 @@ class Config(Base):
     @property
     def goes_on(self) -> bool:
         """Whether runs go on to the horizon after a reversal."""
-        return not {"reversals", "spectrum"}.isdisjoint(self.record)
+        return not {"reversals", "spectrum", "late"}.isdisjoint(self.record)
 
     @property
     def parts(self) -> list[str]:
@@ -447,6 +576,8 @@ class Config(Base):
             parts.append("tol")
         if {"error", "reversals"} <= recorded:
             parts.append("turns")
+        if {"casimir", "reversals"} <= recorded:
+            parts.append("casimir_turns")
         if {"lyapunov", "spectrum"} & recorded:
             parts.append("chaos")
         if CONSTANT_OF_SURFACE[surface] is not None:
@@ -454,13 +585,31 @@ class Config(Base):
         if self.dissipation:
             parts.append("dissipation")
         parts += [name for name in self.dissipation.present if LOSSES[name].optional]
+        if self.acting.is_shaken:
+            parts.append("base")
         return parts
+
+    @property
+    def acting(self) -> Acting:
+        """What acts on bodies beside gravity and the plane."""
+        return Acting(self.dissipation, self.base or UNSHAKEN)
+
+    def with_columns(self, columns: Mapping[str, list[float | str]]) -> "Config":
+        """Return the config with the constants in columns of a table."""
+        losses = {name: columns[name] for name in LOSSES if name in columns}
+        drives = {name: columns[name] for name in DRIVES if name in columns}
+        sections: dict[str, object] = {
+            "dissipation": self.dissipation.model_copy(update=losses)
+        }
+        if drives:
+            sections["base"] = (self.base or UNSHAKEN).with_columns(drives)
+        return self.model_copy(update=sections)
 
     @property
     def settings(self) -> dict[str, list[Setting]]:
         """Values by the column that they set, empty where a table has them."""
         settings: dict[str, Sequence[float | str | None]] = {
-            **self.dissipation.values,
+            **self.acting.values,
             "t_end": [self.horizon.t],
         }
         if self.spin is not None:

@@ -9,11 +9,11 @@ from rattlesweep.arrays import Floats
 from rattlesweep.design.models import constants_of, surface_constant
 from rattlesweep.kernel.outcome import Batch
 from rattlesweep.kernel.runs import N_WINDOWS
-from rattlesweep.motion.model import find_model
-from rattlesweep.physics import full, reduced, theory
+from rattlesweep.motion.model import find_model, reduced_model
+from rattlesweep.physics import full, losses, reduced, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.rows.launches import Launches
-from rattlesweep.words.quantities import LOSSES
+from rattlesweep.words.quantities import ACTING, LOSSES
 
 # Periods of the slower mode that a window has at least; see docs/types.md.
 WINDOW_PERIODS = 2.0
@@ -64,7 +64,7 @@ def full_batch(launches: Launches) -> Batch:
     values: dict[str, Any] = dict(zip(full.CONSTANTS, body_constants, strict=True))
     values["k"] = surface_constant(bodies, model.surface)
     # A constant that is not given has its default beside others of its action.
-    values |= {name: loss.default for name, loss in LOSSES.items()}
+    values |= {name: loss.default for name, loss in ACTING.items()}
     values |= model.fixed | launches.losses
     constants = [np.broadcast_to(values[name], count) for name in model.of_runs]
     y0 = model.at_launch(y0, values)
@@ -79,6 +79,11 @@ def full_batch(launches: Launches) -> Batch:
     slower = np.where(modes.roll.imag > 0, modes.roll.imag, launches.modes.omega_r)
     # The spin oscillates at twice the frequency of the oscillation.
     swing = 2 * fastest
+    if model.lifts:
+        # The weight oscillates with the plane, if this moves.
+        shakes = launches.losses["base_acceleration"] > 0
+        frequency = launches.losses["base_frequency"]
+        swing = np.maximum(swing, np.where(shakes, frequency, 0.0))
     oscillation = bodies.gamma * (launches.gh.n_0**2 - launches.n_i**2)
     dead = launches.dead
     if dead is None:
@@ -101,7 +106,10 @@ def full_batch(launches: Launches) -> Batch:
 
 
 def reduced_batch(launches: Launches) -> Batch:
-    """Return the batch of the reduced dynamics, with ``I_eff = I_zz`` as in Eq. 72."""
+    """Return the batch of the reduced dynamics, with ``I_eff = I_zz`` as in Eq. 72.
+
+    Its model is :func:`reduced_model` of the launches' losses.
+    """
     bodies = launches.bodies
     modes = launches.modes
     e_p, e_r = reduced.launch_energies(
@@ -116,21 +124,62 @@ def reduced_batch(launches: Launches) -> Batch:
     n_0 = launches.gh.n_0
     fastest_growth = np.maximum(np.abs(modes.K_p), np.abs(modes.K_r)) * n_0
     count = len(n_0)
+    model = reduced_model(launches.losses)
+    values = _reduced_constants(launches)
+    y0 = model.at_launch(np.stack([launches.n_i, e_p, e_r], axis=1), values)
+    constants = [np.broadcast_to(values[name], count) for name in model.constants]
+    slowing = values["sigma"] * n_0 + values["lever"]
+    fastest_loss = np.maximum(
+        values["loss_p"] + values["slip_p"], values["loss_r"] + values["slip_r"]
+    )
+    fastest_loss = np.maximum(fastest_loss, values["sigma"] / bodies.gamma)
+    dead = launches.dead
+    if dead is None:
+        dead = np.zeros(0)
     return Batch(
-        y0=np.stack([launches.n_i, e_p, e_r], axis=1),
-        constants=np.stack([modes.K_p, modes.K_r, bodies.gamma], axis=1),
+        y0=y0,
+        constants=np.stack(constants, axis=1),
         # The relevant amplitude is the energy of one mode.
         probe=np.stack([pitch_grows, ~pitch_grows], axis=1).astype(float),
         t_end=launches.horizon,
-        swing=fastest_growth,
+        swing=np.maximum(fastest_growth, fastest_loss),
         relevant=np.zeros(count),
-        rate=fastest_growth * n_0,
+        rate=fastest_growth * n_0 + slowing / bodies.gamma,
         # Without oscillations, windows may be as short as possible.
         window=_windows(launches.horizon, np.full(count, np.inf)),
         first_comparison=launches.horizon,
         scale=launches.spin_scale,
         tapped=launches.n_i == 0,
+        dead=dead,
     )
+
+
+def _reduced_constants(launches: Launches) -> dict[str, Any]:
+    """Return the constants of the reduced model by name, zero for absent losses."""
+    bodies = launches.bodies
+    modes = launches.modes
+    given = {name: launches.losses.get(name, np.zeros(1)) for name in LOSSES}
+    moment_p, moment_r = theory.mode_moments(bodies.alpha, bodies.beta, modes)
+    viscous = given.get("viscous", 0.0)
+    creep = given["pivot"], given["creep"]
+    return {
+        "k_p": modes.K_p,
+        "k_r": modes.K_r,
+        "inertia": bodies.gamma,
+        "sigma": given["sigma"],
+        "loss_p": losses.share_of_couple(moment_p, given["sigma"]),
+        "loss_r": losses.share_of_couple(moment_r, given["sigma"]),
+        "slip_p": losses.share_of_slip(modes.omega_p, moment_p, viscous),
+        "slip_r": losses.share_of_slip(modes.omega_r, moment_r, viscous),
+        "rolling": given["rolling"],
+        "moment_p": moment_p,
+        "moment_r": moment_r,
+        "overlap": np.cos(modes.psi_p - modes.psi_r) ** 2,
+        "creep_p": losses.share_of_creep(modes.omega_p, moment_p, *creep),
+        "creep_r": losses.share_of_creep(modes.omega_r, moment_r, *creep),
+        "lever": given["pivot"],
+        "sense": 1.0,
+    }
 
 
 def _windows(horizon: Floats, slower: Floats) -> Floats:

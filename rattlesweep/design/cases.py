@@ -16,14 +16,16 @@ import pyarrow as pa
 
 from rattlesweep.config.schema import Config
 from rattlesweep.rows.columns import runs_schema
-from rattlesweep.words.quantities import LOSSES, QUANTITIES
+from rattlesweep.words.quantities import ACTING, INITIAL_RATES, QUANTITIES
 from rattlesweep.words.units import Quantity, Setting
 
 MAX_RUNS = 10**9  # in a sweep, which holds one byte for each of them
 
 
 # Columns that a case may share, and their kinds.
-VARIES = {name: QUANTITIES[name].kind for name in ("n_i", "omega_xy0", *LOSSES)}
+VARIES = {
+    name: QUANTITIES[name].kind for name in (*INITIAL_RATES, *ACTING, "base_amplitude")
+}
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class Case:
     """Target, launch and dissipation that the runs of a case share; None where they
     differ.
 
-    `losses` has the constants of dissipation, by name.  `in_si` has the values in SI
+    `losses` has the constants of what acts, by name.  `in_si` has the values in SI
     units, by name, that differ in the units of the bodies.
     """
 
@@ -98,7 +100,7 @@ class Case:
 
     def value(self, name: str) -> float | None:
         """Return the value of a column of `VARIES` in units of the bodies, or None."""
-        if name in LOSSES:
+        if name not in INITIAL_RATES:
             return dict(self.losses).get(name)
         value: float | None = getattr(self, name)
         return value

@@ -4,7 +4,7 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.config.schema import Config
-from rattlesweep.motion.model import Model, find_model
+from rattlesweep.motion.model import Model, find_model, reduced_model
 from rattlesweep.physics import full, surface
 from rattlesweep.physics.surface import Surface
 from rattlesweep.rows.launches import Bodies
@@ -29,6 +29,8 @@ def constants_of(bodies: Bodies) -> Floats:
 
 def model_of(config: Config) -> Model:
     """Return the equations that a sweep integrates; the model gh has none."""
+    if config.model == "reduced":
+        return reduced_model(config.dissipation.present)
     if config.model != "full":
         return find_model(config.model)
     return full_model_of(config)
@@ -36,7 +38,7 @@ def model_of(config: Config) -> Model:
 
 def full_model_of(config: Config) -> Model:
     """Return the equations of a config for `model: full`."""
-    words = [surface.SURFACES[config.bodies.bottom].model, config.dissipation.law]
+    words = [surface.SURFACES[config.bodies.bottom].model, config.acting.law]
     if config.dissipation.slides:
         words.append("sliding")
     model = find_model("_".join(filter(None, words)))

@@ -24,7 +24,7 @@ from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
 from rattlesweep.rows.columns import STATE_FIELDS, runs_schema
 from rattlesweep.words.errors import ConfigError
-from rattlesweep.words.quantities import INITIAL_RATES, LOSSES
+from rattlesweep.words.quantities import ACTING, INITIAL_RATES
 from rattlesweep.words.units import Setting
 
 # Bodies that are looked at to see whether their sizes differ.
@@ -86,8 +86,8 @@ def make_plan(
         target = config.bodies.target
         targets = [(target.name, value) for value in target.values]
     losses: list[dict[str, Setting]] = [{}]
-    if config.dissipation:
-        losses = _combinations(config.dissipation.values, values)
+    if config.acting:
+        losses = _combinations(config.acting.values, values)
     meshes: list[str | None] = [None]
     if isinstance(config.bodies, MeshSource):
         meshes = [*config.bodies.path]
@@ -144,19 +144,23 @@ def _combinations(names: Iterable[str], values: _Values) -> list[dict[str, Setti
 
 
 def _with_losses(config: Config, columns: Mapping[str, list[float | str]]) -> Config:
-    """Return the config with the dissipation of a table's columns."""
+    """Return the config with what acts on bodies by a table's columns."""
     # A setting without a value is the word `table`, which stands for a column.
     from_table = Setting()
-    for name in LOSSES:
+    for name in ACTING:
         values = config.settings.get(name, [])
         if from_table in values and name not in columns:
             lacks = f"the table has no column {name}; give a number"
-            raise ConfigError(f"dissipation.{name}: {lacks}")
+            raise ConfigError(f"{SETTING_KEYS[name]}: {lacks}")
         if len(values) > 1 and name in columns:
             both = f"there are several values, and the table has a column {name}"
-            raise ConfigError(f"dissipation.{name}: {both}; keep one of them")
-    losses = config.dissipation.model_copy(update=dict(columns))
-    config = config.model_copy(update={"dissipation": losses})
+            raise ConfigError(f"{SETTING_KEYS[name]}: {both}; keep one of them")
+    shakes = columns.get("base_acceleration", [0.0]) != [0.0]
+    if shakes and config.base is None and "base_frequency" not in columns:
+        raise ConfigError(
+            "bodies: the column base_acceleration needs the column base_frequency"
+        )
+    config = config.with_columns(columns)
     if columns:
         # Rules between keys were checked without these columns.
         problems = [f"{key}: {problem}" for key, problem in clashes(config)]

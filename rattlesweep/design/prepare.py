@@ -11,7 +11,7 @@ from rattlesweep.design.plan import Plan
 from rattlesweep.physics import full, surface, theory
 from rattlesweep.physics.surface import Surface
 from rattlesweep.rows.launches import Bodies, Launches
-from rattlesweep.words.quantities import LOSSES
+from rattlesweep.words.quantities import INITIAL_RATES
 
 
 def prepare_launches(plan: Plan, case: Integers, sample: Integers) -> Launches:
@@ -40,10 +40,17 @@ def prepare_launches(plan: Plan, case: Integers, sample: Integers) -> Launches:
 
     losses: dict[str, Floats] = {}
     dead = None
+    for name in config.acting.values if config.acting else ():
+        losses[name] = _value(name, plan, case, bodies)
+    if "base_amplitude" in losses:
+        stroke = losses.pop("base_amplitude")
+        losses["base_acceleration"] = stroke * losses["base_frequency"] ** 2
     if config.dissipation:
-        for name in config.dissipation.values:
-            losses[name] = _value(name, plan, case, bodies)
+        if config.dissipation.creeps_with_mu:
+            losses["creep"] = np.where(losses["pivot"] > 0, losses["mu"], 0.0)
         dead = np.full(len(sample), config.classify.dead_energy)
+        # A plane that shakes can wake a body that has hardly any energy left.
+        dead[losses.get("base_acceleration", np.zeros(len(sample))) > 0] = 0.0
     launches = Launches(
         case=case,
         sample=sample,
@@ -77,7 +84,7 @@ def _with_state(bodies: Bodies, state: FullState) -> Bodies:
 def _value(name: str, plan: Plan, case: Integers, bodies: Bodies) -> Floats:
     """Return a quantity of a table's rows, or else of the cases, in units of bodies."""
     of_rows: Floats | None = bodies.losses.get(name)
-    if name not in LOSSES:
+    if name in INITIAL_RATES:
         of_rows = getattr(bodies, name)
     if of_rows is not None:
         return of_rows

@@ -16,6 +16,7 @@ from rattlesweep.design.plan import Plan, make_plan
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.words.errors import ConfigError, not_one_of
+from rattlesweep.words.quantities import DRIVES
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ class Launch:
     e_r0: float | None = None
     omega: Sequence[float] | None = None
     u: Sequence[float] | None = None
+    # Constants of what acts on the body, by name.
     losses: Mapping[str, float] = field(default_factory=dict)
     record: Sequence[str] = ()
 
@@ -78,6 +80,11 @@ def plan_of(run: Launch) -> Plan:
     )
     if run.body.rim is not None:
         rows.carried["rim"] = np.array([run.body.rim])
+    losses = dict(run.losses)
+    for name in DRIVES:
+        if name in losses:
+            # As a column, since the key of the phase is in degrees.
+            rows.columns[name] = np.array([losses.pop(name)], float)
     spin = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
     if is_full_state(run.omega, run.u, spin):
         launch: dict[str, object] = {"launch": {"omega": run.omega, "u": run.u}}
@@ -88,7 +95,7 @@ def plan_of(run: Launch) -> Plan:
     horizon = {"t_rgh": 5.0}
     if run.t_end is not None:
         horizon = {"t": run.t_end}
-    keys = {"horizon": horizon, "dissipation": dict(run.losses), **launch}
+    keys = {"horizon": horizon, "dissipation": losses, **launch}
     return plan_of_rows(rows, run.model, run.integrator, run.record, keys)
 
 

@@ -78,7 +78,10 @@ class Outcome:
     contact_ratio_max: Floats
     contact_normal_min: Floats
     volume_rate: Floats
+    late: Floats  # mean and deviation of the spin in the last quarter, shape (runs, 2)
     marks: Floats  # times of `look.marks`, shape (runs, marks)
+    # Least and largest value, then means between reversals, shape (runs, 10, 2).
+    casimir: Floats
     # Amplitude, least and largest spin in each window, shape (runs, 64, 3).
     windows: Floats
     # Time of each reversal and largest modulus of the spin until the next, shape (runs,

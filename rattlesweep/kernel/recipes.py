@@ -21,6 +21,7 @@ from rattlesweep.kernel.state.fields import LANES
 from rattlesweep.kernel.state.lane import Problem
 from rattlesweep.kernel.step import slots
 from rattlesweep.kernel.step.explicit import OPTIONS, write_attempt
+from rattlesweep.kernel.step.implicit import write_implicit
 from rattlesweep.kernel.step.radau import block_of
 from rattlesweep.kernel.tangents import tangents_of
 from rattlesweep.kernel.threads import parallel
@@ -94,7 +95,10 @@ def attempt_recipe(tableau_name: str, model_name: str, extra: str = "") -> Kerne
     """Return the step of a method and a model; ``extra`` is ``volume`` or empty."""
     tableau = METHODS[tableau_name]
     model = find_model(model_name)
-    written = write_attempt(tableau, model, volume=extra == "volume")
+    if model.stiffness is not None:
+        written = write_implicit(model)
+    else:
+        written = write_attempt(tableau, model, volume=extra == "volume")
     return Kernel(written, (problem_of(model, tableau.adaptive), FLAT, 1.0), OPTIONS)
 
 

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats
 from rattlesweep.compiling.intrinsics import INNER, first_of, moved, widest_vectors
+from rattlesweep.kernel.look import late
+from rattlesweep.kernel.look.casimir import MEANS, note_casimir, store_casimir
 from rattlesweep.kernel.look.marks import MARKS
 from rattlesweep.kernel.state.fields import DIFFERENCE, NEVER, SLIDING, STEP, Point
 from rattlesweep.kernel.state.lane import clear, lane_of
@@ -81,6 +83,8 @@ class Recording(NamedTuple):
     # frame there are N_GROWTHS logarithms: of its tangents, the flow and the energy.
     lyapunov: Floats
     marks: Floats  # times of the first zeros of `look.marks`
+    late: Floats  # mean spin and its standard deviation in the last quarter
+    casimir: Floats  # range, and means between reversals, of `look.casimir`
 
 
 N_GROWTHS = 5
@@ -97,6 +101,8 @@ SHAPES = Recording(
     volume=(1, 1),
     lyapunov=(N_WINDOWS, 2),
     marks=(1, len(MARKS)),
+    late=(1, 2),
+    casimir=(MEANS + 1 + MOST_REVERSALS, 2),
 )
 
 
@@ -129,7 +135,8 @@ def recorded(array):
 @njit(**INNER)
 def goes_on(problem, recording):
     """Return whether runs go on after a zero of the spin."""
-    return recorded(recording.reversals) or problem.model.n_tangents > 1
+    is_followed = recorded(recording.reversals) or recorded(recording.late)
+    return is_followed or problem.model.n_tangents > 1
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -139,6 +146,28 @@ def derive(lane):
     f = lane.problem.model.rhs(y, lane.constants)
     lane.f = f
     return lane.problem.model.spin(y), lane.problem.model.spin_rate(y, f)
+
+
+# Energy.
+
+
+@njit(**INNER)
+def note_energy(lane):
+    """Let the energy at the end of the step count as one of the largest."""
+    modes = lane.problem.modes
+    present = modes.energy(lane) + modes.work(lane)
+    lane.energy_most = max(lane.energy_most, present)
+
+
+@njit(**INNER)
+def scale_of_energy(lane):
+    """Return the energy that its errors are compared with.
+
+    A plane that shakes may give a body at rest many times its energy at launch.
+    """
+    if lane.problem.model.lifts:
+        return max(lane.energy0, lane.energy_most)
+    return lane.energy0
 
 
 # Amplitudes and windows.
@@ -164,6 +193,8 @@ def compare_amplitudes(lane):
 def close_window(lane, run, recording):
     """Compare amplitudes, store the window if it is recorded, and open the next one."""
     compare_amplitudes(lane)
+    if lane.problem.model.lifts:
+        note_energy(lane)
     k = int(lane.window_no)
     if recorded(recording.windows) and k < N_WINDOWS:
         recording.windows[run, k, 0] = sqrt(lane.window_a_max)
@@ -396,6 +427,17 @@ def stalls(lane, moves):
 
 
 @njit(**INNER)
+def starts_off_plane(lane):
+    """Return whether the plane would have to pull at the start of the step.
+
+    Only a launch is so, as other steps end before; a body that slides says so itself.
+    """
+    if not lane.problem.model.lifts or lane.problem.slides:
+        return False
+    return lane.margin0 <= 0.0
+
+
+@njit(**INNER)
 def start(lane, run, inputs):
     """Start a run in a lane."""
     clear(lane)
@@ -428,11 +470,13 @@ def start(lane, run, inputs):
         lane.rate_max = UNKNOWN_RATE
         lane.side = 0.0
     lane.n_least = abs(n)
-    lane.energy0 = model.energy(lane.y, lane.constants)
+    lane.energy0 = lane.energy_most = model.energy(lane.y, lane.constants)
     lane.rim = plan["rim"]
     if lane.problem.modes.left(lane, lane.y) <= 0.0:
         lane.watched = 1.0
     lane.margin0 = lane.problem.modes.margin(lane, lane.y, lane.f)
+    if starts_off_plane(lane):
+        lane.watched = 1.0
     lane.limit0 = lane.problem.modes.limit(lane, 0.0, lane.y, lane.f)
     lane.ratio1, lane.lift1 = contact_points(lane, 0.0, lane.y, lane.f)
     lane.normal_min = NEVER
@@ -480,8 +524,10 @@ def hold_back(lane):
 def finish(lane, status, reversal, t, run, outputs, recording):
     """Store the results of a run that ends with the step just tried, at time ``t``."""
     lane.problem.tangents.note(lane, t, run, window_row(lane), recording.lyapunov)
+    if lane.problem.model.lifts:
+        note_energy(lane)
     energy0 = lane.energy0
-    drift = (lane.problem.modes.energy(lane) - energy0) / energy0
+    drift = (lane.problem.modes.energy(lane) - energy0) / scale_of_energy(lane)
     if status in (OK, AT_LIMIT, RIM) and not abs(drift) <= MAX_ENERGY_DRIFT:
         status = ENERGY_OFF if isfinite(drift) else NONFINITE
     n = lane.n1
@@ -500,6 +546,15 @@ def finish(lane, status, reversal, t, run, outputs, recording):
         note_contact(lane)
         recording.contact[run, 0, 0] = lane.ratio_max
         recording.contact[run, 0, 1] = lane.normal_min
+    if recorded(recording.late) and status == OK and t >= lane.t_end:
+        late.note(lane)
+        mean, deviation = late.mean_and_deviation(lane)
+        recording.late[run, 0, 0] = mean
+        recording.late[run, 0, 1] = deviation
+    if recorded(recording.casimir):
+        if status in (OK, AT_LIMIT, RIM):
+            note_casimir(lane, recording.casimir)
+        store_casimir(lane, recording.casimir)
     if recorded(recording.volume) and status == OK:
         recording.volume[run, 0, 0] = (lane.volume + lane.h * lane.volume_rate1) / t
     result = outputs.results[run]

@@ -41,11 +41,14 @@ from rattlesweep.kernel.event.zeros import (
     may_be_far,
     may_reverse,
 )
+from rattlesweep.kernel.look import late
+from rattlesweep.kernel.look.casimir import note_casimir
 from rattlesweep.kernel.runs import recorded
 from rattlesweep.kernel.state.fields import HELD, NEVER, PEAK, PIVOTING, STEP, Point
 from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.kernel.state.statuses import (
     AT_LIMIT,
+    LIFTS_OFF,
     NONFINITE,
     OK,
     RIM,
@@ -268,8 +271,13 @@ def watch(problem, w, recording):
         if lane.accept == 0.0:
             continue
         if recorded(recording.energy) and lane.energy0 > 0.0:
+            if problem.model.lifts:
+                runs.note_energy(lane)
             off = abs(problem.modes.energy(lane) - lane.energy0)
-            lane.drift_max = max(lane.drift_max, off / lane.energy0)
+            scale = runs.scale_of_energy(lane)
+            lane.drift_max = max(lane.drift_max, off / scale)
+        if recorded(recording.late):
+            late.note(lane)
         if recorded(recording.contact):
             runs.note_contact(lane)
         if recorded(recording.windows):
@@ -277,6 +285,8 @@ def watch(problem, w, recording):
             lane.window_n_max = max(lane.window_n_max, lane.n1)
         if recorded(recording.reversals):
             runs.note_turn(lane, recording.reversals)
+        if recorded(recording.casimir):
+            note_casimir(lane, recording.casimir)
         if recorded(recording.volume):
             lane.volume += lane.h * lane.volume_rate1
         if recorded(recording.contact):
@@ -292,6 +302,8 @@ def is_recording(recording):
         or recorded(recording.windows)
         or recorded(recording.reversals)
         or recorded(recording.volume)
+        or recorded(recording.late)
+        or recorded(recording.casimir)
     )
 
 
@@ -351,6 +363,12 @@ def look_closer(problem, parts, w, l, max_steps, recording):
         lane.last = 0.0
         runs.hold_back(lane)
         return RIM, TAKE
+    if runs.starts_off_plane(lane):
+        lane.accept = 0.0
+        lane.h = 0.0
+        lane.last = 0.0
+        runs.hold_back(lane)
+        return LIFTS_OFF, TAKE
     status, move = search_closely(problem, parts, w, l, max_steps, recording)
     if status in (OK, AT_LIMIT) and runs.stalls(lane, move != HOLD):
         status = STEP_TOO_SMALL

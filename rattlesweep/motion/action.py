@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from rattlesweep.arrays import Floats
-from rattlesweep.physics import pivoting, stone
+from rattlesweep.physics import pivoting, shaking, slip, stone
 from rattlesweep.physics.creep import no_rate
 from rattlesweep.physics.surface import Formula
 
@@ -27,6 +27,8 @@ class Whereabouts(NamedTuple):
     w: Vector3  # r x omega - dr/dt
     velocity: Vector3  # of the centre of mass
     creep: float  # mu times the speed of sliding, 0 where the body rolls
+    # Rates of the velocity of a contact point that slips, along h_1 and h_2
+    slip_rates: tuple[float, float]
 
 
 # Compared by identity: formulas and mappings have no other equality.
@@ -41,13 +43,6 @@ class Action:
     The next actions were the measure of this record:
 
     - *A drag* is a ``force``.
-    - *A plane that shakes* has the constants ``eps, Om`` and a phase, the component
-      ``phase`` with the rate ``Om`` and the start at the constant, and the ``weight``
-      ``eps cos(phase)``.  Its ``own_work`` is that of the plane.
-    - *A slip* under ``F_t = -k v_c`` does not roll: its components are the velocity of
-      the contact point along ``h_1`` and ``h_2`` of :mod:`physics.sliding`, its
-      ``equations`` follow from ``sliding.contact_at``, and its ``energy`` is that of
-      ``sliding.slip_energy``.
     """
 
     name: str  # one word
@@ -62,6 +57,8 @@ class Action:
     grip: Formula | None = None
     force: Formula | None = None  # force(place, own): at the centre of mass
     weight: Formula | None = None  # weight(place, own): what it adds to the weight 1
+    # Whether it may lift the body off the plane, where a run then ends.
+    lifts: bool = False
     # Whether it holds the spin at zero, and opposes it elsewhere, with a torque along
     # the vertical of at most `constants[0]` times the normal force while the body
     # rolls.  Then `grip` is the torque while it slides.  Its constants are the last.
@@ -79,10 +76,13 @@ class Action:
     error: Formula | None = None
     # energy(place, own): of its components, beyond that of a body that rolls
     energy: Formula | None = None
+    # tangent(place, own): square of the tangential force, if it is not that of rolling
+    tangent: Formula | None = None
 
-    # equations(chart, acting, holds=...): what takes the place of `sums.rolling_parts`,
-    # with its arguments and values, where the contact point does not rest
-    equations: Callable[..., Formula] | None = None
+    # Whether the contact point slips at the velocity that are the first two components,
+    # along h_1 and h_2 of `physics.sliding`, under a friction of its constant times it
+    # (`motion.slipping`).
+    slips: bool = False
 
     # The work of all actions is a component of the state.  The name of a further one
     # with that of this action alone:
@@ -124,8 +124,28 @@ CREEP = Action(
     components=("doubtful work",),
     rates=no_rate,
 )
+SLIP = Action(
+    "slip",
+    ("viscous",),
+    components=("slip_1", "slip_2", "slip work"),
+    rates=slip.rates,
+    error=slip.squared_slip_error,
+    energy=slip.energy,
+    tangent=slip.squared_force,
+    slips=True,
+)
+SHAKEN = Action(
+    "shaken",
+    ("base_acceleration", "base_frequency", "base_phase"),
+    weight=shaking.more_weight,
+    lifts=True,
+    components=("turns of the base",),
+    rates=shaking.turns_rate,
+    start=shaking.first_turns,
+    own_work="base work",
+)
 ACTIONS: dict[str, Action] = {
-    action.name: action for action in (VISCOUS, ROLLING, CREEP, PIVOTING)
+    action.name: action for action in (VISCOUS, ROLLING, CREEP, SLIP, SHAKEN, PIVOTING)
 }
 """The actions by name, in the order of their constants."""
 

@@ -8,8 +8,9 @@ other chart is valid in any position.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 
-from rattlesweep.physics import full, vectors
+from rattlesweep.physics import averaging, full, vectors
 from rattlesweep.physics.full import TINY, scalar
 from rattlesweep.physics.surface import Formula
 
@@ -35,6 +36,7 @@ class Chart:
     amplitude: Formula  # as in `model.Model`
     error: Formula  # as in `model.Model`, where nothing acts
     error_of_actions: Formula  # as in `model.Model`
+    mode_energies: Formula  # as in `model.Model`
     # Slope beyond which the state says too little about the contact for a slide to
     # begin, where another chart takes over.
     steepest: float = 0.0
@@ -101,6 +103,16 @@ def weighted_error(e, y, constants):
     return full.oscillation(e, constants) + weight * iz * ec * ec, size
 
 
+@scalar
+def energies_on(y, constants):
+    """Return the energies of pitch and roll of a body with a slope."""
+    p, q, a, b, c = y[:5]
+    uz = -1.0 / sqrt(1.0 + p * p + q * q)
+    n = uz * (p * a + q * b + c)
+    rate = a - n * p * uz, b - n * q * uz
+    return averaging.energies_of_modes((p, q), rate, constants)
+
+
 SLOPES = Chart(
     "slopes",
     ("p", "q", "a", "b", "c"),
@@ -112,6 +124,7 @@ SLOPES = Chart(
     amplitude=squared_amplitude,
     error=error_of_motion,
     error_of_actions=weighted_error,
+    mode_energies=energies_on,
     steepest=100.0,
 )
 
@@ -162,6 +175,16 @@ def error_under(e, y, constants):
     return step + ez * ez, size
 
 
+@scalar
+def energies_under(y, constants):
+    """Return what :func:`energies_on` does, for any position."""
+    u, omega = vectors.position(y)
+    n = u[0] * omega[0] + u[1] * omega[1] + u[2] * omega[2]
+    slope = u[0] / u[2], u[1] / u[2]
+    rate = omega[0] - n * u[0], omega[1] - n * u[1]
+    return averaging.energies_of_modes(slope, rate, constants)
+
+
 ANYWHERE = Chart(
     "vectors",
     ("v_x", "v_y", "v_z", "a", "b", "c"),
@@ -173,4 +196,5 @@ ANYWHERE = Chart(
     amplitude=amplitude_under,
     error=error_under,
     error_of_actions=error_under,
+    mode_energies=energies_under,
 )

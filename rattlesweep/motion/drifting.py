@@ -8,11 +8,36 @@ They correct those of any set of actions that pivots, on any surface and in any 
 from __future__ import annotations
 
 from rattlesweep.motion.chart import Chart
-from rattlesweep.physics import creep
+from rattlesweep.physics import creep, stone
 from rattlesweep.physics.full import scalar
 from rattlesweep.physics.sliding import cross
 from rattlesweep.physics.stone import dot
 from rattlesweep.physics.surface import Formula
+
+N_BODY = len(stone.CONSTANTS)  # constants before those of actions
+
+
+def force_without_drift(
+    chart: Chart, parts: Formula, contact: Formula, place_of_mu: int
+) -> Formula:
+    """Return the contact force as `model.Model.force`, from the parts without creep.
+
+    It is the force under which the foot drifts, and beyond which it slides: that of
+    the body that rolls with the same angular momentum about the contact point.
+    """
+    locate = chart.locate
+    after = place_of_mu + 1
+
+    @scalar
+    def force(y, dy, constants):
+        loss = constants[N_BODY:]
+        shape = constants[3:N_BODY]
+        without = loss[:place_of_mu] + loss[after:]
+        _, turned, _, _, _, _ = parts(contact, y, constants[:3], shape, without)
+        _, u, omega, r, w, _ = locate(contact, y, shape)
+        return stone.force_at(u, omega, turned, r, w)
+
+    return force  # type: ignore[no-any-return]
 
 
 def drifting_parts(chart: Chart, parts: Formula, place_of_mu: int) -> Formula:
@@ -22,7 +47,8 @@ def drifting_parts(chart: Chart, parts: Formula, place_of_mu: int) -> Formula:
     coefficient of friction of the patch at `place_of_mu`, and the lever and the sense
     at its end.  Values: rates of the position, ``domega/dt``, the torque against
     pivoting, the normal force that holds a spin, the power of all other actions, that
-    of the torque, that of creep, and the part of this that is in doubt.
+    of the torque, that of creep, the part of this that is in doubt, the normal force
+    itself, and what the drift adds to ``omega``.
     """
     locate = chart.locate
     turned_by = chart.turned
@@ -62,6 +88,8 @@ def drifting_parts(chart: Chart, parts: Formula, place_of_mu: int) -> Formula:
             taken + pivoted,
             crept,
             doubtful,
+            normal,
+            more,
         )
 
     return drifting  # type: ignore[no-any-return]

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from rattlesweep.motion.action import PIVOTING, ROLLING, VISCOUS, Action
+from rattlesweep.motion.action import PIVOTING, ROLLING, SHAKEN, VISCOUS, Action
 from rattlesweep.motion.chart import ANYWHERE, SLOPES, Chart
-from rattlesweep.physics import pivoting, stone, vectors
+from rattlesweep.physics import pivoting, shaking, stone, vectors
 from rattlesweep.physics.surface import Formula
 
 
@@ -37,6 +37,11 @@ FAST_EQUATIONS: dict[tuple[Chart, frozenset[Action]], Fast] = {
     ),
     (SLOPES, frozenset([VISCOUS])): Fast(
         stone.viscous_rhs, volume=vectors.viscous_volume
+    ),
+    (SLOPES, frozenset([VISCOUS, SHAKEN])): Fast(
+        # The weight of the body does not change the rate of phase volume.
+        shaking.shaken_rhs,
+        volume=vectors.viscous_volume,
     ),
     (SLOPES, frozenset([VISCOUS, ROLLING])): Fast(
         stone.rolling_rhs, volume=vectors.rolling_volume

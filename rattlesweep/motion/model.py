@@ -16,12 +16,19 @@ from rattlesweep.motion.action import (
     ROLLING,
     VISCOUS,
     Action,
+    Whereabouts,
     numbered,
 )
 from rattlesweep.motion.chart import ANYWHERE, SLOPES, Chart
-from rattlesweep.motion.drifting import drifting_parts
+from rattlesweep.motion.drifting import N_BODY, drifting_parts, force_without_drift
 from rattlesweep.motion.fast import Fast, fast_for
 from rattlesweep.motion.slides import Slide, slide_of
+from rattlesweep.motion.slipping import (
+    rates_of_place,
+    slipping_parts,
+    stiffness_of,
+    velocity_of,
+)
 from rattlesweep.motion.sums import (
     ActionSum,
     Numbering,
@@ -33,6 +40,7 @@ from rattlesweep.motion.sums import (
 from rattlesweep.motion.track import UNSEEN, track_of
 from rattlesweep.physics import frame, full, reduced, stone, tangent, vectors
 from rattlesweep.physics.full import TINY, scalar
+from rattlesweep.physics.sliding import cross
 from rattlesweep.physics.surface import (
     ELLIPSOID,
     PARABOLOID,
@@ -69,6 +77,9 @@ class Model:
     # force(y, dy, constants): normal force, then the square of the tangential force
     force: Formula
     work: Formula  # work(y): work of the actions since the launch
+    # mode_energies(y, constants): energies of pitch and roll, weights in proportion to
+    # 1/K_p and 1/K_r, and the period over which they are to be averaged, or 0
+    mode_energies: Formula
 
     # Where a run ends or changes.
     # limit(y, constants): positive where the model holds; a run ends where it is zero
@@ -76,19 +87,28 @@ class Model:
     # rise(y, constants): height of the contact over the lowest point of the body, along
     # its z axis; None for models without a contact point
     rise: Formula | None = None
+    lifts: bool = False  # whether a body may leave the plane, where its run ends
     slide: Slide | None = None  # None: the plane holds the body whatever the force
 
     # What the model is composed of.
     chart: Chart | None = None
     surface: Surface | None = None
     actions: tuple[Action, ...] = ()
-    # Of an action that pivots.  pivot(y, constants): the torque along the vertical and
-    # the normal force.  pivot_work(y): its work, negative.
+    # Of an action that pivots.  pivot(y, constants): the torque along the vertical, the
+    # normal force that bounds the torque of a held spin, and the normal force.
+    # pivot_work(y): its work, negative.
     pivot: Formula | None = None
     pivot_work: Formula | None = None
     volume: Formula | None = None  # volume(y, constants): rate of phase volume
     # Number of components, the last ones, that the state of a sweep lacks.
     n_extra: int = 0
+
+    # Of an action that slips, for implicit steps.  slip(y): the velocity of the contact
+    # point along h_1 and h_2.  stiffness(y, constants): as `physics.slip.stiffness`.
+    # moving(y, constants): rates of the position.
+    slip: Formula | None = None
+    stiffness: Formula | None = None
+    moving: Formula | None = None
 
     # Functions x of the state that are cheaper to integrate beside it than to compute
     # in each stage.  carried_start(y, constants): x at the start of a step.
@@ -114,6 +134,8 @@ class Model:
 
     # The values of constants that users do not give.
     fixed: dict[str, float] = field(default_factory=dict)
+    # Of the reduced model with losses: constants without all of which nothing is lost.
+    strengths: tuple[str, ...] = ()
 
     @cached_property
     def contact(self) -> Formula:
@@ -179,7 +201,7 @@ class Model:
     def vanishing(self) -> tuple[str, ...]:
         """The constants that another model lacks, for bodies with zero for them."""
         if self.chart is not SLOPES:
-            return ()
+            return self.strengths
         names = [each.strength for each in self.actions if each is not VISCOUS]
         if self.surface is not PARABOLOID:
             names.append("k")
@@ -187,6 +209,9 @@ class Model:
 
     def without(self, names: Collection[str]) -> Model:
         """Return the model of bodies that have zero for some constants of a model."""
+        if self.strengths:
+            given = [name for name in self.strengths if name not in names]
+            return reduced_model(["pivot"] if "lever" in given else given)
         assert self.chart is not None
         assert self.surface is not None
         left = [each for each in self.actions if each.strength not in names]
@@ -208,7 +233,6 @@ class Model:
 
 
 ATTITUDE = "_attitude"
-N_BODY = len(stone.CONSTANTS)  # constants before those of actions
 SLIDING = "_sliding"
 TANGENTS = {"_tangent": 1, "_frame": frame.N_TANGENTS}
 
@@ -314,7 +338,9 @@ def _composed(
         energy=_energy(chart, surface, contact, actions, layout),
         force=_force(chart, surface, contact, actions, layout),
         work=_picked(n_place) if actions else no_work,
+        mode_energies=chart.mode_energies,
         rise=_rise(chart, contact),
+        lifts=any(each.lifts for each in actions),
         chart=chart,
         surface=surface,
         actions=actions,
@@ -329,15 +355,25 @@ def _composed(
         assert parts_on is not None
         model = replace(
             model,
-            pivot=_pivot(parts_on, contact),
+            pivot=_pivot(parts_on, contact, drifts=_drift_of(actions) is not None),
             pivot_work=_picked(layout.components.index(action.own_work)),
+        )
+    for action in actions:
+        if not action.slips:
+            continue
+        model = replace(
+            model,
+            slip=velocity_of(action, layout),
+            stiffness=_at_contact(stiffness_of(chart, action, layout), contact),
+            moving=_at_contact(rates_of_place(chart), contact),
         )
     if slides:
         slide = slide_of(chart, contact, actions, layout)
         if model.anywhere is not None:
             slide = replace(slide, steepest=chart.steepest)
         model = replace(model, slide=slide)
-    if surface.carried is not None and chart is SLOPES:
+    # Steps that are implicit carry nothing.
+    if surface.carried is not None and chart is SLOPES and model.stiffness is None:
         model = _with_carried(model, surface, rhs_on)
     return _with_tangents(model, tangents) if tangents else model
 
@@ -370,32 +406,48 @@ def _equations(
 
     They are formulas ``(contact, y, inertia, shape, loss)``.
     """
-    drifting = [action for action in actions if action.drifts]
-    if drifting:
-        return _drifting(chart, actions, drifting[0], layout)
+    drift = _drift_of(actions)
+    if drift is not None:
+        return _drifting(chart, actions, drift, layout)
     if fast is not None:
         return fast.rhs, fast.parts
     return generic_equations(chart, actions, layout)
+
+
+def _drift_of(actions: Iterable[Action]) -> Action | None:
+    """Return the action under which the foot drifts, None if there is none."""
+    for action in actions:
+        if action.drifts:
+            return action
+    return None
+
+
+def _without_drift(
+    chart: Chart, actions: tuple[Action, ...], drift: Action, layout: Numbering
+) -> tuple[Formula, int]:
+    """Return the parts of the equations without a drift.
+
+    The second value is the place of its coefficient among the constants of actions.
+    """
+    others = tuple(action for action in actions if action is not drift)
+    names = [name for name in layout.constants if name not in drift.constants]
+    without = replace(layout, constants=tuple(names))
+    _, parts = _equations(chart, others, without, fast_for(chart, others))
+    assert parts is not None
+    return parts, layout.constants[N_BODY:].index(drift.strength)
 
 
 def _drifting(
     chart: Chart, actions: tuple[Action, ...], drift: Action, layout: Numbering
 ) -> tuple[Formula, Formula]:
     """Return what :func:`_equations` does, of a body whose foot drifts."""
-    others = tuple(action for action in actions if action is not drift)
-    names = [name for name in layout.constants if name not in drift.constants]
-    further = layout.components.index(drift.components[0])
-    without = replace(
-        layout, constants=tuple(names), components=layout.components[:further]
-    )
-    _, parts = _equations(chart, others, without, fast_for(chart, others))
-    assert parts is not None
-    of_loss = layout.constants[N_BODY:]
-    drifting = drifting_parts(chart, parts, of_loss.index(drift.strength))
+    others = [action for action in actions if action is not drift]
+    parts, place_of_mu = _without_drift(chart, actions, drift, layout)
+    drifting = drifting_parts(chart, parts, place_of_mu)
 
     @scalar
     def rhs(contact, y, inertia, shape, loss):
-        place, turned, _, _, power, taken, crept, doubtful = drifting(
+        place, turned, _, _, power, taken, crept, doubtful, _, _ = drifting(
             contact, y, inertia, shape, loss
         )
         works = power + taken + crept, taken, crept, doubtful
@@ -403,12 +455,38 @@ def _drifting(
 
     @scalar
     def parts_on(contact, y, inertia, shape, loss):
-        place, turned, torque, normal, power, taken, _, _ = drifting(
+        place, turned, torque, held, power, taken, _, _, normal, _ = drifting(
             contact, y, inertia, shape, loss
         )
-        return place, turned, torque, normal, power, taken
+        return place, turned, torque, held, power, taken, normal
 
-    return rhs, parts_on
+    further = own_rates(ActionSum.of(others, layout), layout)
+    if further is None:
+        return rhs, parts_on
+    (_,) = [each for each in others if each.own_work and not each.pivots]
+    locate = chart.locate
+
+    @scalar
+    def rhs_with_own(contact, y, inertia, shape, loss):
+        place, turned, _, _, power, taken, crept, doubtful, normal, more = drifting(
+            contact, y, inertia, shape, loss
+        )
+        _, u, omega, r, w, _ = locate(contact, y, shape)
+        constants = inertia + shape[:4] + loss
+        velocity = cross(r, omega)
+        x, y_, z = cross(r, more)
+        rolling = Whereabouts(u, omega, r, w, velocity, 0.0, (0.0, 0.0))
+        drifted = velocity[0] + x, velocity[1] + y_, velocity[2] + z
+        at = Whereabouts(u, omega, r, w, drifted, 0.0, (0.0, 0.0))
+        own = further(at, normal, y, constants)
+        whole = power + taken + crept
+        # The power so far is that of a body that rolls without the drift.
+        rolled = further(rolling, normal, y, constants)
+        crept = crept - (own[0] - rolled[0])
+        works = whole, taken, crept, own[0]
+        return place + turned + works + (doubtful,) + own[1:]
+
+    return rhs_with_own, parts_on
 
 
 def generic_equations(
@@ -417,9 +495,11 @@ def generic_equations(
     """Return what :func:`_equations` does, from the sum of any actions."""
     holds = any(action.pivots for action in actions)
     acting = ActionSum.of([each for each in actions if not each.pivots], layout)
-    equations = [each.equations for each in actions if each.equations is not None]
-    (parts_of,) = equations or [summed_parts]
-    parts = parts_of(chart, acting, holds=holds)
+    slips = [action for action in actions if action.slips]
+    if slips:
+        parts = slipping_parts(chart, acting, slips[0], layout)
+    else:
+        parts = summed_parts(chart, acting, holds=holds)
     further = own_rates(ActionSum.of(actions, layout), layout)
     works_of = _both_works if holds else _one_work
 
@@ -548,7 +628,11 @@ def _force(
     layout: Numbering,
 ) -> Formula:
     """Return the contact force, as `Model.force`."""
-    if any(each.force or each.weight for each in actions):
+    drift = _drift_of(actions)
+    if drift is not None:
+        parts, place_of_mu = _without_drift(chart, actions, drift, layout)
+        return force_without_drift(chart, parts, contact, place_of_mu)
+    if any(each.force or each.weight or each.tangent for each in actions):
         return contact_force(chart, contact, ActionSum.of(actions, layout))
     if chart is ANYWHERE:
         force_anywhere: Formula = vectors.contact_force
@@ -598,17 +682,37 @@ def _volume(chart: Chart, volume_at: Formula) -> Formula:
     return volume_of_slope  # type: ignore[no-any-return]
 
 
-def _pivot(parts: Formula, contact: Formula) -> Formula:
+def _pivot(parts: Formula, contact: Formula, *, drifts: bool) -> Formula:
     """Return the torque of an action that pivots, as `Model.pivot`."""
+    if drifts:
+
+        @scalar
+        def pivot_of_drift(y, constants):
+            _, _, torque, held, _, _, normal = parts(
+                contact, y, constants[:3], constants[3:7], constants[7:]
+            )
+            return torque, held, normal
+
+        return pivot_of_drift  # type: ignore[no-any-return]
 
     @scalar
     def pivot(y, constants):
         _, _, torque, normal, _, _ = parts(
             contact, y, constants[:3], constants[3:7], constants[7:]
         )
-        return torque, normal
+        return torque, normal, normal
 
     return pivot  # type: ignore[no-any-return]
+
+
+def _at_contact(formula_on: Formula, contact: Formula) -> Formula:
+    """Return a formula ``(contact, y, constants)`` for the contact of a surface."""
+
+    @scalar
+    def formula(y, constants):
+        return formula_on(contact, y, constants)
+
+    return formula  # type: ignore[no-any-return]
 
 
 # Attitude and path, for single steps
@@ -619,7 +723,7 @@ def with_attitude(plain: Model) -> Model:
     assert plain.chart is not None
     assert plain.surface is not None
     n = plain.n_state
-    track = track_of(plain.chart, plain.rhs, n, plain.surface.contact)
+    track = track_of(plain.chart, plain.rhs, n, plain.surface.contact, plain.slip)
     slid = track.slid
     slide = plain.slide
     if slide is not None:
@@ -692,7 +796,7 @@ def _reduced_spin_rate(y, dy):
 
 @scalar
 def _reduced_amplitude(y, probe):
-    _, e_p, e_r = y
+    _, e_p, e_r = y[:3]
     w_p, w_r = probe
     return w_p * e_p + w_r * e_r
 
@@ -706,9 +810,9 @@ def _no_force(y, dy, constants):
 def _reduced_error(e, y, constants):
     # Each energy is compared with itself: the decaying one determines what happens much
     # later.
-    dn, de_p, de_r = e
-    n, e_p, e_r = y
-    _, _, inertia = constants
+    dn, de_p, de_r = e[:3]
+    n, e_p, e_r = y[:3]
+    inertia = constants[2]
     spin = inertia * dn * dn / (inertia * n * n + 2.0 * (e_p + e_r) + TINY)
     pitch = de_p * de_p / (e_p * e_p + TINY)
     roll = de_r * de_r / (e_r * e_r + TINY)
@@ -728,9 +832,44 @@ REDUCED = Model(
     energy=reduced.energy,
     force=_no_force,
     work=no_work,
+    mode_energies=reduced.averaged_energies,
 )
-MODELS: dict[str, Model] = {REDUCED.name: REDUCED}
+REDUCED_LOSSY = replace(
+    REDUCED,
+    name="reduced_lossy",
+    components=(*REDUCED.components, "work", "slip work"),
+    constants=reduced.LOSSY_CONSTANTS,
+    rhs=reduced.lossy_rhs,
+    energy=reduced.lossy_energy,
+    work=_picked(reduced.N_STATE),
+    strengths=reduced.STRENGTHS,
+)
+REDUCED_PIVOTING = replace(
+    REDUCED_LOSSY,
+    name="reduced_pivoting",
+    components=(
+        *REDUCED.components,
+        *("work", "pivot work", "creep work", "slip work"),
+    ),
+    constants=reduced.PIVOTING_CONSTANTS,
+    rhs=reduced.lossy_pivoting_rhs,
+    pivot=reduced.pivot,
+    pivot_work=_picked(reduced.N_STATE + 1),
+    strengths=(*reduced.STRENGTHS, "lever"),
+    fixed={"sense": 1.0},
+)
+MODELS: dict[str, Model] = {
+    model.name: model for model in (REDUCED, REDUCED_LOSSY, REDUCED_PIVOTING)
+}
 """Models that are no compositions, by name."""
+
+
+def reduced_model(losses: Collection[str]) -> Model:
+    """Return the reduced model of bodies with some constants of dissipation."""
+    if "pivot" in losses:
+        return REDUCED_PIVOTING
+    return REDUCED_LOSSY if losses else REDUCED
+
 
 FULL = compose(SLOPES, PARABOLOID)
 FULL_ELLIPSOID = compose(SLOPES, ELLIPSOID)

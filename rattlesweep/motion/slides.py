@@ -84,7 +84,7 @@ def slide_of(
         ex, ey, ez = sliding.slip_direction(u, slip.angle)
         speed = slip.speed
         velocity = x + speed * ex, y_ + speed * ey, z + speed * ez
-        at = Whereabouts(u, omega, r, w, velocity, mu * speed)
+        at = Whereabouts(u, omega, r, w, velocity, mu * speed, (0.0, 0.0))
         return Placed(
             rates,
             u,
@@ -152,7 +152,13 @@ def _with_slid_rates(before: Formula, further: Formula) -> Formula:
     def derivative(y, slip, placed, omega_rate, normal, constants):
         f = before(y, slip, placed, omega_rate, normal, constants)
         at = Whereabouts(
-            placed.u, placed.omega, placed.r, placed.w, placed.velocity, 0.0
+            placed.u,
+            placed.omega,
+            placed.r,
+            placed.w,
+            placed.velocity,
+            0.0,
+            (0.0, 0.0),
         )
         return f + further(at, normal, y, constants)
 

@@ -92,6 +92,7 @@ class ActionSum:
     grip: Formula  # per unit of the normal force
     force: Formula  # at the centre of mass
     weight: Formula  # beyond 1
+    tangent: Formula | None  # square of the tangential force, None if it rolls
     energy: Formula  # of their components
     rates: Formula | None  # of the components of actions, None without any
 
@@ -113,6 +114,7 @@ class ActionSum:
             grip=total("grip", no_vector, _two_vectors),
             force=total("force", no_vector, _two_vectors),
             weight=total("weight", no_number, _two_values),
+            tangent=total("tangent", None, _two_values),
             energy=total("energy", no_number, _two_values),
             rates=total("rates", None, _two_values),
         )
@@ -162,7 +164,7 @@ def summed_parts(chart: Chart, acting: ActionSum, *, holds: bool) -> Formula:
         constants = inertia + shape[:4] + loss
         located = locate(contact, y, shape)
         rates, u, omega, r, w, _ = located
-        place = Whereabouts(u, omega, r, w, cross(r, omega), 0.0)
+        place = Whereabouts(u, omega, r, w, cross(r, omega), 0.0, (0.0, 0.0))
         force = force_of(place, y, constants)
         more = weight_of(place, y, constants)
         torque = torque_of(place, y, constants)
@@ -270,7 +272,7 @@ def with_own_energy(
     @scalar
     def energy(y, constants):
         _, u, omega, r, w, _ = locate(contact, y, constants[3:7])
-        place = Whereabouts(u, omega, r, w, cross(r, omega), 0.0)
+        place = Whereabouts(u, omega, r, w, cross(r, omega), 0.0, (0.0, 0.0))
         return before(y, constants) + own_energy(place, y, constants)
 
     return energy  # type: ignore[no-any-return]
@@ -290,9 +292,21 @@ def contact_force(chart: Chart, contact: Formula, acting: ActionSum) -> Formula:
     @scalar
     def force(y, dy, constants):
         _, u, omega, r, w, _ = locate(contact, y, constants[3:7])
-        place = Whereabouts(u, omega, r, w, cross(r, omega), 0.0)
+        place = Whereabouts(u, omega, r, w, cross(r, omega), 0.0, (0.0, 0.0))
         turned = dy[begin:end]
         weight = 1.0 + weight_of(place, y, constants)
         return force_at(u, omega, turned, r, w, weight, force_of(place, y, constants))
 
-    return force  # type: ignore[no-any-return]
+    tangent_of = acting.tangent
+    if tangent_of is None:
+        return force  # type: ignore[no-any-return]
+
+    @scalar
+    def slipped_force(y, dy, constants):
+        # The velocity of slip stays in the plane: the normal force is that of rolling.
+        normal, _ = force(y, dy, constants)
+        _, u, omega, r, w, _ = locate(contact, y, constants[3:7])
+        place = Whereabouts(u, omega, r, w, cross(r, omega), 0.0, (0.0, 0.0))
+        return normal, tangent_of(place, y, constants)
+
+    return slipped_force  # type: ignore[no-any-return]

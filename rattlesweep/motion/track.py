@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rattlesweep.motion.chart import ANYWHERE, Chart
-from rattlesweep.physics import full, sliding, vectors
+from rattlesweep.physics import full, sliding, slip, vectors
 from rattlesweep.physics.full import scalar
 from rattlesweep.physics.surface import Formula
 
@@ -22,6 +22,11 @@ ROTATION = "q_0 - 1", "q_1", "q_2", "q_3", "path_x", "path_y", "path_z"
 @scalar
 def _zero(y):
     return 0.0
+
+
+@scalar
+def _no_slip(y):
+    return 0.0, 0.0
 
 
 @scalar
@@ -58,11 +63,43 @@ class Track:
     slid: Formula
 
 
-def track_of(chart: Chart, plain: Formula, n: int, contact: Formula) -> Track:
-    """Return the track of a body with equations ``plain`` of ``n`` components."""
+def track_of(
+    chart: Chart,
+    plain: Formula,
+    n: int,
+    contact: Formula,
+    slip_of: Formula | None = None,
+) -> Track:
+    """Return the track of a body with equations ``plain`` of ``n`` components.
+
+    ``slip_of(y)`` is the velocity of a contact point that slips, along ``h_1`` and
+    ``h_2``.
+    """
     if chart is ANYWHERE:
-        return Track(ROTATION, _with_rotation(plain, n), _slid_rotation(n))
-    return Track(HEADING_COMPONENT, _with_track(plain, n, contact), _slid_track(n))
+        return Track(ROTATION, _with_rotation(plain, n, slip_of), _slid_rotation(n))
+    rhs = _with_track(plain, n, contact)
+    if slip_of is not None:
+        rhs = _with_slip(rhs, n, slip_of)
+    return Track(HEADING_COMPONENT, rhs, _slid_track(n))
+
+
+def _with_slip(rolled: Formula, n: int, slip_of: Formula) -> Formula:
+    """Return equations of a track with the slip of the contact point."""
+    # Slices of tuples are compiled for constants alone.
+    east = n + 1
+    north = n + 2
+
+    @scalar
+    def rhs(y, constants):
+        f = rolled(y, constants)
+        v = slip_of(y)
+        # h_1 is the x axis, from which the heading tells.
+        c, s = sliding.cos_sin(y[n])
+        x = f[east] + c * v[0] - s * v[1]
+        y_ = f[north] + s * v[0] + c * v[1]
+        return f[:east] + (x, y_)  # noqa: RUF005
+
+    return rhs  # type: ignore[no-any-return]
 
 
 def _with_track(plain: Formula, n: int, touch: Formula) -> Formula:
@@ -86,14 +123,21 @@ def _slid_track(n: int) -> Formula:
     return slid_track  # type: ignore[no-any-return]
 
 
-def _with_rotation(plain: Formula, n: int) -> Formula:
+def _with_rotation(plain: Formula, n: int, slip_of: Formula | None) -> Formula:
     last = n + 4
+    slips = slip_of is not None
+    slip_at = slip_of or _no_slip
 
     @scalar
     def rhs(y, constants):
         f = plain(y[:n], constants)
         u, omega = vectors.position(y)
         velocity = vectors.rolled(u, omega, constants[3:7])
+        if slips:
+            first, second = slip_at(y)
+            x, y_, z = slip.along(u, first, second)
+            vx, vy, vz = velocity
+            velocity = vx + x, vy + y_, vz + z
         return f + vectors.carried_on(y[n:last], omega, velocity)
 
     return rhs  # type: ignore[no-any-return]

@@ -54,18 +54,26 @@ def drift_of_patch(share):
 
 
 @scalar
+def rolling_force(u, omega, rates, r, w):
+    """Return the force in the plane on a body that rolls with ``omega``."""
+    ax, ay, az = cross(r, rates)
+    bx, by, bz = cross(omega, w)
+    return horizontal(u, (u[0] + ax + bx, u[1] + ay + by, u[2] + az + bz))
+
+
+@scalar
 def drift(u, omega, rates, r, w, normal, lever, mu):
     """Return the velocity ``v`` of the contact point, ``x``, and whether it is sure.
 
     The body would roll with ``omega`` and its ``rates``, with the normal force
     ``normal``.
     """
-    ax, ay, az = cross(r, rates)
-    bx, by, bz = cross(omega, w)
-    fx, fy, fz = horizontal(u, (u[0] + ax + bx, u[1] + ay + by, u[2] + az + bz))
+    fx, fy, fz = rolling_force(u, omega, rates, r, w)
     size = sqrt(fx * fx + fy * fy + fz * fz)
     n = dot(u, omega)
-    share = size / (mu * normal + TINY)
+    # Where the plane would have to pull there is no friction that slows the drift.
+    pressed = 0.5 * (normal + abs(normal))
+    share = size / (mu * pressed + TINY)
     x = drift_of_patch(share)
     radius = (16.0 / (3.0 * pi)) * lever / mu
     part = -radius * abs(n) * x / (size + TINY)

@@ -32,7 +32,7 @@ RETURN = 1.0
 # Where spin and speed of sliding are small, the decay of the spin is stiff.  So the
 # creep, ``mu`` times this speed, counts as the root of its square and that of a least
 # creep, which is the last constant of a body that slides.  This is the largest.
-LEAST_CREEP = 1e-10
+LEAST_CREEP = 1e-13
 # Largest `slip_of_patch` of a foot that is about to slide.  To the square of it, the
 # torque is the one without sliding.
 LEAST_SLIP = 1e-5
@@ -106,6 +106,32 @@ def sliding_drag(u, n, lever, creep, least):
     if n == 0.0:
         share = 0.0
     return share * u[0], share * u[1], share * u[2]
+
+
+@scalar
+def slope_of_share(x):
+    """Return the derivative of ``m`` with respect to ``1/x``, spin over speed."""
+    square = x * x
+    if x <= 1.0:
+        return (2.0 - 1.5 * square) * square * x
+    if x > 30.0:
+        return 16.0 / (15.0 * pi) * (1.0 + (3.0 + 1.25 / square) / (14.0 * square))
+    angle = asin(1.0 / x)
+    root = sqrt(square - 1.0)
+    return (
+        (root * (3.0 * square - 2.0) - (3.0 * square - 4.0) * square * angle) * x / pi
+    )
+
+
+@scalar
+def slope_of_torque(n, lever, creep, least):
+    """Return the derivative of the torque per normal force with respect to the spin.
+
+    The arguments are those of :func:`sliding_drag`.
+    """
+    smooth = sqrt(creep * creep + least * least)
+    slope = slope_of_share(slip_of_patch(n, lever, smooth))
+    return -slope * lever * lever * (16.0 / (3.0 * pi)) / (smooth + TINY)
 
 
 @scalar

@@ -69,7 +69,7 @@ class Units:
 
     def natural(self, value: float | Floats, kind: str) -> Floats:
         """Return SI quantities of a kind of `units.KINDS` in these units."""
-        if kind == "spin":
+        if kind in ("spin", "frequency"):
             return np.asarray(value * self.time)
         return np.asarray(value / self.sizes[NATURAL[kind]][0])
 
@@ -87,6 +87,7 @@ class Units:
             "M g a": (m * g * a, "J"),
             "M a^2": (m * (a * a), "kg m^2"),
             "M a^2 sqrt(g/a)": (m * (a * a) / t, "N m s"),
+            "M sqrt(g/a)": (m / t, "N s/m"),
         }
 
 

@@ -5,6 +5,7 @@ all digits. Angles are in radians, frequencies in ``sqrt(g/a)``, times in ``sqrt
 Arguments broadcast.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Flags, Floats
+from rattlesweep.physics import losses
 
 # A spin below this share of the angular velocity is a rounding error of zero.
 NO_SPIN = 1e-15
@@ -121,6 +123,14 @@ def inertia_along(alpha: ArrayLike, beta: ArrayLike, psi: ArrayLike) -> Floats:
     )
 
 
+def mode_moments(
+    alpha: ArrayLike, beta: ArrayLike, modes: Modes
+) -> tuple[Floats, Floats]:
+    """Return the moments of inertia of pitch and roll about the contact point."""
+    pitch = inertia_along(alpha, beta, modes.psi_p)
+    return pitch, inertia_along(alpha, beta, modes.psi_r)
+
+
 def oscillation_speed(
     alpha: ArrayLike,
     beta: ArrayLike,
@@ -154,9 +164,50 @@ def damping_rates(
 
     They are those without spin.
     """
-    pitch = np.asarray(sigma) / (2 * inertia_along(alpha, beta, modes.psi_p))
-    roll = np.asarray(sigma) / (2 * inertia_along(alpha, beta, modes.psi_r))
-    return pitch, roll
+    pitch, roll = mode_moments(alpha, beta, modes)
+    return (
+        losses.share_of_couple(pitch, sigma) / 2,
+        losses.share_of_couple(roll, sigma) / 2,
+    )
+
+
+def loss_shares(
+    moment_p: Floats, moment_r: Floats, modes: Modes, given: Mapping[str, Floats]
+) -> tuple[Floats, Floats]:
+    """Return what losses take of the energies of pitch and roll at any spin.
+
+    `given` are the constants of dissipation by name.
+    """
+    sigma = given["sigma"]
+    viscous = given.get("viscous", 0.0)
+    pitch = losses.share_of_couple(moment_p, sigma)
+    roll = losses.share_of_couple(moment_r, sigma)
+    return (
+        pitch + losses.share_of_slip(modes.omega_p, moment_p, viscous),
+        roll + losses.share_of_slip(modes.omega_r, moment_r, viscous),
+    )
+
+
+def lossy_growth_rates(
+    alpha: ArrayLike,
+    beta: ArrayLike,
+    modes: Modes,
+    n: ArrayLike,
+    given: Mapping[str, Floats],
+) -> tuple[Floats, Floats]:
+    """Return the growth rates of pitch and roll at a small spin, with losses.
+
+    `given` are the constants of dissipation by name; rolling resistance is left out.
+    """
+    moment_p, moment_r = mode_moments(alpha, beta, modes)
+    share_p, share_r = loss_shares(moment_p, moment_r, modes, given)
+    patch = given["pivot"], given["creep"]
+    creep_p = losses.share_of_creep(modes.omega_p, moment_p, *patch)
+    creep_r = losses.share_of_creep(modes.omega_r, moment_r, *patch)
+    return (
+        losses.growth_of_mode(modes.K_p, n, share_p, creep_p),
+        losses.growth_of_mode(-modes.K_r, n, share_r, creep_r),
+    )
 
 
 def creeping_coefficients(
@@ -171,18 +222,48 @@ def creeping_coefficients(
     A foot that pivots under a lever ``l`` with the friction ``mu`` drifts (see
     :mod:`rattlesweep.physics.creep`).  A mode loses ``|n| c l / mu^2`` of its energy a
     unit of time, with ``c = 128 omega_i^2 / (9 pi^2 J_i)`` and the moment ``J_i`` about
-    the contact point along the mode.  A spin grows only where the rest is positive: a
-    ``K_r`` below zero means that no steady spin of any size turns back.
+    the contact point along the mode.  Oscillations grow only where the rest has the
+    sign of the coefficient (that of mirrored bodies is negative): where that of ``K_r``
+    has not, no steady spin of any size turns back.
 
     NaN where ``creep`` is zero.
     """
-    share = np.full(np.shape(np.asarray(creep, float)), np.nan)
-    mu = np.asarray(creep, float)
-    np.divide(np.asarray(pivot, float), mu * mu, out=share, where=mu > 0)
-    factor = 128 / (9 * np.pi**2) * share
-    pitch = modes.omega_p**2 / inertia_along(alpha, beta, modes.psi_p)
-    roll = modes.omega_r**2 / inertia_along(alpha, beta, modes.psi_r)
-    return modes.K_p - factor * pitch, modes.K_r - factor * roll
+    moment_p, moment_r = mode_moments(alpha, beta, modes)
+    pitch = losses.share_of_creep(modes.omega_p, moment_p, pivot, creep)
+    roll = losses.share_of_creep(modes.omega_r, moment_r, pivot, creep)
+    creeps = np.asarray(creep, float) > 0
+    # Those of mirrored bodies are negative.
+    less_p = modes.K_p - np.sign(modes.K_p) * pitch
+    less_r = modes.K_r - np.sign(modes.K_r) * roll
+    return np.where(creeps, less_p, np.nan), np.where(creeps, less_r, np.nan)
+
+
+def slip_thresholds(
+    alpha: ArrayLike, beta: ArrayLike, modes: Modes, viscous: ArrayLike
+) -> tuple[Floats, Floats]:
+    """Return ``n_p`` and ``n_r``: which spins the slip of the foot lets last.
+
+    Under a friction ``-k v`` of the contact point a mode loses ``gamma_i = omega_i^2 /
+    (k J_i)`` of its energy a unit of time, with the moment ``J_i`` about the contact
+    point along the mode, and an upright spin loses nothing.  So the pitch grows at
+    spins above ``gamma_p / K_p``, the roll below ``-gamma_r / K_r``, to first order in
+    ``1/k``.
+
+    NaN where ``viscous`` is zero, which means that nothing slips, or a ``K`` is.
+    """
+    k = np.asarray(viscous, float)
+    thresholds = []
+    for omega, psi, coefficient in (
+        (modes.omega_p, modes.psi_p, modes.K_p),
+        (modes.omega_r, modes.psi_r, modes.K_r),
+    ):
+        rate = np.square(omega) / inertia_along(alpha, beta, psi)
+        growing = k * np.asarray(coefficient, float)
+        threshold = np.full(np.shape(rate / 1.0 + growing), np.nan)
+        np.divide(rate, growing, out=threshold, where=growing != 0)
+        thresholds.append(threshold)
+    pitch, roll = thresholds
+    return pitch, roll
 
 
 def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:

@@ -16,7 +16,9 @@ from rattlesweep.rows.arrow import _SERIES, F64, FLAG, I32, I64, TEXT, Values, f
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.names import REGIMES
 from rattlesweep.words.quantities import (
+    ACTING,
     CONSTANT_OF_SURFACE,
+    DRIVES,
     ENERGY,
     FORCE,
     LOSSES,
@@ -112,7 +114,7 @@ def of_surface(name: str) -> Column:
 # When there is no rate of growth: "rolling > 0 or ...", for all losses that are no
 # linear function of the angular velocity.
 NOT_LINEAR = " or ".join(
-    f"{loss.name} > 0" for loss in LOSSES.values() if not loss.is_linear
+    f"{loss.name} > 0" for loss in ACTING.values() if not loss.is_linear
 )
 
 # What is told of a run beside the constant, for constants that some sweeps lack.
@@ -156,7 +158,7 @@ WITH_LOSS = {
             lambda runs: runs.creep_doubtful,
             meaning="share of creep_work where the force exceeds 0.28 creep F_n or the "
             "body rolls faster than 2 |n| / creep, so that the law is in doubt",
-            note="null: no creep",
+            note="null: no creep, or the reduced model",
         ),
         Column(
             "K_p_creep",
@@ -169,8 +171,35 @@ WITH_LOSS = {
             "K_r_creep",
             F64,
             lambda runs: runs.K_r_creep,
-            meaning="K_r less what creep takes; below 0 no steady spin reverses",
+            meaning="K_r less what creep takes; if it has another sign than K_r, no "
+            "steady spin reverses",
             note="null: no creep",
+        ),
+    ),
+    "viscous": (
+        Column(
+            "slip_work",
+            F64,
+            lambda runs: runs.slip_work,
+            meaning="energy lost by slip of the foot over the initial energy",
+            refines=True,
+        ),
+        Column(
+            "n_p",
+            F64,
+            lambda runs: runs.n_p,
+            RATE,
+            "spin above which the pitch grows, gamma_p / K_p",
+            note="null: no slip, or K_p is 0",
+        ),
+        Column(
+            "n_r",
+            F64,
+            lambda runs: runs.n_r,
+            RATE,
+            "the roll grows at spins below -n_r, gamma_r / K_r; spins from -n_r to n_p "
+            "last",
+            note="null: no slip, or K_r is 0",
         ),
     ),
     "mu": (
@@ -386,7 +415,7 @@ GROUPS = (
             ),
         ),
         optional=True,
-        not_with=("reduced", "gh"),
+        not_with=("gh",),
     ),
     *(
         Group(
@@ -394,10 +423,27 @@ GROUPS = (
             f"`dissipation: {{{name}: ...}}`",
             (of_loss(name), *WITH_LOSS.get(name, ())),
             optional=True,
-            not_with=("reduced", "gh"),
+            # The reduced model has no contact force, and no foot slides.
+            not_with=("gh",) if loss.takes_spin else ("reduced", "gh"),
         )
         for name, loss in LOSSES.items()
         if loss.optional
+    ),
+    Group(
+        "base",
+        "`base`",
+        (
+            *(of_loss(name) for name in DRIVES),
+            Column(
+                "base_work",
+                F64,
+                lambda runs: runs.base_work,
+                meaning="work of the plane that shakes over the initial energy",
+                refines=True,
+            ),
+        ),
+        optional=True,
+        not_with=("reduced", "gh"),
     ),
     # By the words of `record`.  They are null for a run that failed at launch.
     _recorded(
@@ -570,6 +616,68 @@ GROUPS = (
                 refines=True,
             ),
         ),
+        not_with=("gh",),
+    ),
+    _recorded(
+        "late",
+        "`record: [late]`",
+        (
+            Column(
+                "n_late_mean",
+                F64,
+                lambda runs: runs.integrated.late[:, 0],
+                RATE,
+                "mean spin over the last quarter of the run",
+                "null: the run ended before its horizon",
+                refines=True,
+            ),
+            Column(
+                "n_late_std",
+                F64,
+                lambda runs: runs.integrated.late[:, 1],
+                RATE,
+                "standard deviation of the spin over that time",
+                "null: the run ended before its horizon",
+                refines=True,
+            ),
+        ),
+        not_with=("gh",),
+    ),
+    _recorded(
+        "casimir",
+        "`record: [casimir]`",
+        (
+            Column(
+                "casimir_min",
+                F64,
+                lambda runs: runs.casimir_min,
+                meaning="least Casimir invariant ln(E_p)/K_p + ln(E_r)/K_r, of "
+                "energies averaged over a period of the roll",
+                note="null: an energy is zero",
+            ),
+            Column(
+                "casimir_max",
+                F64,
+                lambda runs: runs.casimir_max,
+                meaning="its largest value",
+                note="null: an energy is zero",
+            ),
+        ),
+        not_with=("gh",),
+    ),
+    Group(
+        "casimir_turns",
+        "`record: [casimir, reversals]`",
+        (
+            Column(
+                "casimir_jumps",
+                _SERIES,
+                lambda runs: runs.casimir_jumps,
+                meaning="change of the mean Casimir invariant at each of the first "
+                "eight turns, from the time since the last turn to that until the next",
+            ),
+        ),
+        optional=True,
         not_with=("gh",),
     ),
     _recorded(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.physics import theory
 from rattlesweep.physics.si import Units
-from rattlesweep.words.quantities import COUPLE_CONSTANTS, LOSSES, SURFACE_CONSTANTS
+from rattlesweep.words.quantities import ACTING, COUPLE_CONSTANTS, SURFACE_CONSTANTS
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Bodies:
             name: columns[name] for name in columns if name in _COLUMNS
         }
         further = {name: columns[name] for name in SURFACE_CONSTANTS if name in columns}
-        losses = {name: columns[name] for name in LOSSES if name in columns}
+        losses = {name: columns[name] for name in ACTING if name in columns}
         return cls(**known, further=further, losses=losses, **others)
 
 
@@ -111,6 +111,6 @@ class Launches:
         """Whether small oscillations of a run grow or decay at a rate of theory."""
         linear = np.ones(len(self.n_i), bool)
         for name, values in self.losses.items():
-            if not LOSSES[name].is_linear:
+            if not ACTING[name].is_linear:
                 linear &= ~(values > 0)
         return linear

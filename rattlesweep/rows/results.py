@@ -17,13 +17,19 @@ from numpy.typing import NDArray
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.config.schema import Config
 from rattlesweep.kernel import growths
+from rattlesweep.kernel.look.casimir import MEANS, RANGE
 from rattlesweep.kernel.outcome import Batch, Estimated, Outcome, has_settled
 from rattlesweep.kernel.runs import MOST_REVERSALS
 from rattlesweep.kernel.state.status import Status
-from rattlesweep.motion.model import find_model
+from rattlesweep.motion.model import Model, find_model, reduced_model
 from rattlesweep.physics import full, steady
 from rattlesweep.physics.chaos import is_chaotic
-from rattlesweep.physics.theory import creeping_coefficients, damping_rates, unsteady
+from rattlesweep.physics.theory import (
+    creeping_coefficients,
+    damping_rates,
+    slip_thresholds,
+    unsteady,
+)
 from rattlesweep.rows import regimes
 from rattlesweep.rows.arrow import Words, ragged
 from rattlesweep.rows.launches import Bodies, Launches
@@ -31,6 +37,7 @@ from rattlesweep.rows.types import (
     TYPES,
     classify,
     is_held_at_end,
+    living,
     slowed_by_friction,
     sure_types,
 )
@@ -161,16 +168,21 @@ class Results:
             self.outcome.amp_growth,
             self.outcome.n_departure,
             self.config.classify,
-            self.energy_left if self.config.dissipation else None,
+            self._energy_for_life if self.config.dissipation else None,
             self._is_held,
             self._slowed,
         )
 
     @property
+    def _energy_for_life(self) -> Floats:
+        """The energy that is left, which tells the dead if the plane is at rest."""
+        return living(self.energy_left, self.launches.losses.get("base_acceleration"))
+
+    @property
     def _slowed(self) -> Floats | None:
         """What friction takes of a spin without oscillation, None without it."""
         losses = self.launches.losses
-        if not losses:
+        if not self.config.dissipation:
             return None
         return slowed_by_friction(
             self.outcome.t_end, self.launches.n_i, self.bodies.gamma, losses
@@ -218,18 +230,28 @@ class Results:
     def energy_left(self) -> Floats:
         """Fraction of the initial energy that is left."""
         left = np.ones(len(self.integrated.energy_0))
-        if self.config.dissipation.has_couples:
-            # The work of all couples follows the state.
-            work = self.integrated.y_end[:, full.N_STATE]
+        if self.config.acting.does_work:
+            work = self.integrated.y_end[:, self._model.column("work")]
             left = 1 + work / self.integrated.energy_0
         if self.config.dissipation.slides:
             left = left - self.integrated.slide_work
         return left
 
+    @property
+    def base_work(self) -> Floats:
+        """Work of the plane that shakes, over the initial energy."""
+        return 0.0 - self._work_of("base work")
+
+    @cached_property
+    def _model(self) -> Model:
+        """The equations that were integrated."""
+        if self.config.model == "reduced":
+            return reduced_model(self.launches.losses)
+        return find_model(self.launches.full_model)
+
     def _work_of(self, component: str) -> Floats:
         """Work that a component of the state counts, over the initial energy."""
-        model = find_model(self.launches.full_model)
-        work = self.integrated.y_end[:, model.column(component)]
+        work = self.integrated.y_end[:, self._model.column(component)]
         # Zero and not -0 for a run without it.
         return np.asarray(0.0 - work / self.integrated.energy_0)
 
@@ -243,6 +265,9 @@ class Results:
         """Share of it that is lost where the law is in doubt, NaN without creep."""
         lost = self.creep_work
         share = np.full(len(lost), np.nan)
+        if self.config.model == "reduced":
+            # Its force is an average.
+            return share
         np.divide(self._work_of("doubtful work"), lost, out=share, where=lost > 0)
         return share
 
@@ -272,10 +297,39 @@ class Results:
         return roll
 
     @property
+    def slip_work(self) -> Floats:
+        """Energy lost by viscous slip, over the initial energy."""
+        return self._work_of("slip work")
+
+    @cached_property
+    def _slip_thresholds(self) -> tuple[Floats, Floats]:
+        return slip_thresholds(
+            self.bodies.alpha,
+            self.bodies.beta,
+            self.launches.modes,
+            self.launches.losses["viscous"],
+        )
+
+    @property
+    def n_p(self) -> Floats:
+        """Spin above which the pitch grows against viscous slip."""
+        pitch, _ = self._slip_thresholds
+        return pitch
+
+    @property
+    def n_r(self) -> Floats:
+        """Minus the spin below which the roll grows against viscous slip."""
+        _, roll = self._slip_thresholds
+        return roll
+
+    @property
     def growth(self) -> Floats:
         """Growth rate of the relevant mode, where friction is linear."""
-        assert self.batch is not None
-        body_constants = self.batch.constants[:, :6].T
+        bodies = self.bodies
+        body_constants = full.constants(
+            *(bodies.alpha, bodies.beta, bodies.gamma),
+            *(bodies.theta, bodies.phi, bodies.xi),
+        )
         pitch_rate, roll_rate = steady.growth(
             body_constants, self.launches.n_i, self.launches.losses["sigma"]
         )
@@ -398,6 +452,32 @@ class Results:
     def window_n_max(self) -> pa.Array:
         """Largest spin in each window."""
         return self._by_window(2)
+
+    @cached_property
+    def _casimir(self) -> Floats:
+        """Range and means of the Casimir invariant, shape (runs, 10, 2)."""
+        values = self.integrated.casimir
+        if self.config.model == "reduced":
+            return values
+        # The weights in the kernel are inverse squared frequencies.
+        modes = self.launches.modes
+        scale = modes.omega_p**2 / modes.K_p
+        return scale[:, None, None] * values
+
+    @property
+    def casimir_min(self) -> Floats:
+        """Least Casimir invariant; in mirrored bodies it has the other sign."""
+        return np.asarray(self._casimir[:, RANGE].min(axis=1))
+
+    @property
+    def casimir_max(self) -> Floats:
+        """Largest Casimir invariant."""
+        return np.asarray(self._casimir[:, RANGE].max(axis=1))
+
+    @property
+    def casimir_jumps(self) -> pa.Array:
+        """Changes of the mean Casimir invariant at the first turns."""
+        return self._by_turn(np.diff(self._casimir[:, MEANS:, 0], axis=1))
 
     def _by_window(self, number: int) -> pa.Array:
         windows = self.integrated.windows

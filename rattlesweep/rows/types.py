@@ -65,6 +65,16 @@ def is_held_at_end(t_held: Floats, n_end: Floats) -> Flags:
     return np.asarray(np.isfinite(t_held) & (n_end == 0.0))
 
 
+def living(energy_left: Floats, base_acceleration: Floats | None) -> Floats:
+    """Return the fraction of energy that is left, infinite where the plane shakes.
+
+    It can wake a body that has none.
+    """
+    if base_acceleration is None:
+        return energy_left
+    return np.where(base_acceleration > 0, np.inf, energy_left)
+
+
 def slowed_by_friction(
     t_end: Floats, n_i: Floats, gamma: Floats, losses: Mapping[str, Floats]
 ) -> Floats:
@@ -125,6 +135,9 @@ def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
     energy_left = None
     if "energy_left" in names:
         energy_left = floats(rows.column("energy_left"))
+        if "base_acceleration" in names:
+            shaken = floats(rows.column("base_acceleration"))
+            energy_left = living(energy_left, shaken)
     is_held = None
     if "t_held" in names:
         t_held = floats(rows.column("t_held"))

@@ -102,7 +102,7 @@ class Refining:
         bodies = config.bodies
         assert isinstance(bodies, GridSource) and bodies.refine is not None  # noqa: PT018
         names = ["n_i", "omega_xy0"] if config.spin else []
-        names += list(config.dissipation.values) if config.dissipation else []
+        names += list(config.acting.values) if config.acting else []
         held = {name: {case.value(name) for case in design.cases} for name in names}
         launches = {
             name: _in_units_of_bodies(config.settings[name], held[name])

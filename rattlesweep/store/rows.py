@@ -140,8 +140,13 @@ def _load(directory: Path, manifest: dict[str, Any]) -> Stored:
     cases = tuple(map(Case.load, manifest["cases"]))
     if not cases or [case.index for case in cases] != list(range(len(cases))):
         raise ValueError("its cases are not numbered from 0")
+    config = manifest["config"]
+    if "dissipation" in config:
+        # Without the key, the rows are older than creep.
+        losses = {"creep": [0], **config["dissipation"]}
+        config = {**config, "dissipation": losses}
     stored = Stored(
-        config=parse_config(manifest["config"]),
+        config=parse_config(config),
         cases=cases,
         samples=manifest["samples"],
         extra=tuple(extra),

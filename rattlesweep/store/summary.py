@@ -28,7 +28,7 @@ from rattlesweep.store.skipped import estimate
 from rattlesweep.system.console import align
 from rattlesweep.words.errors import OutputError, one_line
 from rattlesweep.words.names import REGIMES
-from rattlesweep.words.quantities import COUPLE_CONSTANTS, LOSSES, MEASURES, RATE, TIME
+from rattlesweep.words.quantities import ACTING, COUPLE_CONSTANTS, MEASURES, RATE, TIME
 
 # Columns of the runs that are counted or averaged; not all runs have the later ones.
 READ = (
@@ -41,7 +41,7 @@ READ = (
     "type",
     "status",
     "near_tangencies",
-    *LOSSES,
+    *ACTING,
     "t_slide",
     "t_r_error",
     "type_sure",
@@ -490,7 +490,7 @@ _COLUMNS = (
         SummaryColumn(
             loss.measure.name, F64, _held_in_si(name), loss.measure.unit, loss.meaning
         )
-        for name, loss in LOSSES.items()
+        for name, loss in ACTING.items()
         if loss.measure is not None
     ),
     SummaryColumn(
@@ -623,7 +623,7 @@ _COLUMNS = (
             loss.unit,
             f"{loss.meaning}; null: none",
         )
-        for name, loss in LOSSES.items()
+        for name, loss in ACTING.items()
     ),
     # Null unless contact is recorded.
     *(
@@ -672,7 +672,7 @@ class Printed:
 
 def _printed_losses() -> Iterator[Printed]:
     """Yield the columns of each constant of dissipation, also in SI units."""
-    for name, loss in LOSSES.items():
+    for name, loss in ACTING.items():
         measure = loss.measure
         if measure is None:
             yield Printed(name, name, ".4g", optional=True, varies=True)

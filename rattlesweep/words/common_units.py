@@ -19,6 +19,7 @@ COMMON: dict[str, tuple[float, str]] = {
     "deg": (0.017453292519943295, "radian"),
     "rpm": (0.10471975511965977, "radian / second"),
     "rad/s": (1.0, "radian / second"),
+    "Hz": (1.0, "1 / second"),
     "m/s^2": (1.0, "meter / second ** 2"),
     "kg/m^3": (1.0, "kilogram / meter ** 3"),
     "g/cm^3": (999.9999999999999, "kilogram / meter ** 3"),

@@ -30,3 +30,8 @@ FIGURE_DPI = 150.0  # dots per inch
 
 EXPORT_FORMAT = "mjcf"
 CASE_NAME = "rattleback"
+
+SEARCH_SECTION = "omega_y=0+"  # of a run near which orbits are searched
+PERIODIC = 'regime == "periodic"'  # runs of a sweep near which orbits are searched
+MOST_SEARCHED = 20
+BRANCH_STEPS = 100

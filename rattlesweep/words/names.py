@@ -21,6 +21,18 @@ PlotName = Literal[
     "scatter",
 ]
 ExportFormat = Literal["mjcf", "json"]
+BranchParameter = Literal["energy", "alpha", "beta", "gamma", "theta", "phi", "xi"]
+EngineName = Literal[
+    "mujoco",
+    "mjx",
+    "newton",
+    "drake",
+    "dart",
+    "motrix",
+    "bullet",
+    "rapier",
+    "exudyn",
+]
 RecordName = Literal[
     "energy",
     "contact",
@@ -29,6 +41,8 @@ RecordName = Literal[
     "spectrum",
     "volume",
     "t_half",
+    "late",
+    "casimir",
     "error",
     "reversals",
 ]
@@ -45,6 +59,8 @@ RefineName = Literal[
     "held_time",
     "pivot_work",
     "creep_work",
+    "slip_work",
+    "base_work",
     "t_slide",
     "n_slides",
     "slide_time",
@@ -54,8 +70,11 @@ RefineName = Literal[
     "kaplan_yorke",
     "regime",
     "t_half",
+    "n_late_mean",
+    "n_late_std",
     "n_turns",
 ]
+DocumentName = Literal["body", "contact", "plan", "status", "verdict"]
 RegimeName = Literal[
     "steady", "periodic", "quasi-periodic", "attractor", "conservative", "undecided"
 ]
@@ -65,6 +84,11 @@ PRESET_NAMES: tuple[PresetName, ...] = get_args(PresetName)
 ACCURACY_NAMES: tuple[AccuracyName, ...] = get_args(AccuracyName)
 PLOT_NAMES: tuple[PlotName, ...] = get_args(PlotName)
 EXPORT_FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
+BRANCH_PARAMETERS: tuple[BranchParameter, ...] = get_args(BranchParameter)
+ENGINE_NAMES: tuple[EngineName, ...] = get_args(EngineName)
+DOCUMENT_NAMES: tuple[DocumentName, ...] = get_args(DocumentName)
+"""Commands whose output by ``--json`` has a JSON Schema."""
+
 RECORDABLE: tuple[RecordName, ...] = get_args(RecordName)
 """Words of `record`, in the order of the columns."""
 

@@ -19,12 +19,15 @@ SPEED = "sqrt(g a)"
 ENERGY = "M g a"
 FORCE = "M g"
 DAMPING = "M a^2 sqrt(g/a)"
+RESISTANCE = "M sqrt(g/a)"
 
 MAX_INERTIA = 1e6  # M a^2
 # At this spin, in sqrt(g/a), a tilt of 1e-6 rad takes a contact force of the weight.
 MAX_SPEED = 1e3
 MAX_SIGMA = 1e6  # M a^2 sqrt(g/a)
 MAX_MU = 1e6
+MAX_VISCOUS = 1e9  # M sqrt(g/a)
+MAX_ACCELERATION = 1e3  # of the plane, in g
 MAX_TIME = 1e30  # sqrt(a/g) or t_rGH, beyond any run; sums of such numbers stay finite
 MIN_OSCILLATION = 1e-140  # sqrt(g/a); the square of a smaller one underflows
 
@@ -74,7 +77,7 @@ class Definition:
 
 @dataclass(frozen=True)
 class Loss(Definition):
-    """A constant of dissipation.
+    """A constant of dissipation, or of a plane that shakes.
 
     A record is a key of the config, an argument, an option, a column and an axis.
     """
@@ -374,11 +377,27 @@ _DISSIPATION = (
         low=0.0,
         high=MAX_MU,
         formula=r"$\mu_\mathrm{creep}$",
-        key="Friction / normal force in the patch, which drifts as it pivots",
+        key="Friction / normal force in the patch, which drifts as it pivots; the "
+        "word mu: that of slides",
         action="creep",
         letter="creep",
         first_values=(0.2, 0.4),
         most_fitted=10.0,
+    ),
+    Loss(
+        name="viscous",
+        unit=RESISTANCE,
+        meaning="friction of the foot over its speed of slip; 0: no slip",
+        kind="force per speed",
+        low=0.0,
+        high=MAX_VISCOUS,
+        measure=Measure("viscous_N_s_m", "N s/m"),
+        formula=r"$k$",
+        key="Friction / speed at which the foot slips; 0: it does not slip",
+        action="slip",
+        letter="k",
+        first_values=(30.0, 300.0),
+        most_fitted=1e6,
     ),
     Loss(
         name="mu",
@@ -395,6 +414,57 @@ _DISSIPATION = (
         is_linear=True,
         first_values=(0.2, 0.4),
         most_fitted=10.0,
+    ),
+)
+
+_DRIVES = (
+    Loss(
+        name="base_frequency",
+        unit=RATE,
+        meaning="angular frequency of the plane that shakes",
+        kind="frequency",
+        low=0.0,
+        high=MAX_SPEED,
+        measure=Measure("base_frequency_Hz", "Hz", 2 * math.pi),
+        formula=r"$\Omega$",
+        letter="Ω",
+        action="shaken",
+        takes_spin=False,
+        is_linear=True,
+    ),
+    Loss(
+        name="base_acceleration",
+        unit="1",
+        meaning="amplitude of the plane's acceleration in g",
+        low=0.0,
+        high=MAX_ACCELERATION,
+        formula=r"$\varepsilon$",
+        letter="ε",
+        action="shaken",
+        takes_spin=False,
+    ),
+    Loss(
+        name="base_phase",
+        unit="rad",
+        meaning="phase at launch: the weight is 1 + base_acceleration cos(phase)",
+        kind="angle",
+        low=-2 * math.pi,
+        high=2 * math.pi,
+        letter="phase",
+        action="shaken",
+        takes_spin=False,
+        is_linear=True,
+    ),
+)
+
+_STROKE = (
+    Definition(
+        name="base_amplitude",
+        unit=LENGTH,
+        meaning="amplitude of the plane's path",
+        kind="length",
+        low=0.0,
+        high=1e6,
     ),
 )
 
@@ -460,7 +530,10 @@ ANGLES = {"xi_deg": 1, "minus_xi_deg": -1}
 
 QUANTITIES: dict[str, Definition] = {
     quantity.name: quantity
-    for group in (_BODY, _SURFACE, _SIZE, _LAUNCH, _DISSIPATION, _TIMES, _THEORY)
+    for group in (
+        *(_BODY, _SURFACE, _SIZE, _LAUNCH, _DISSIPATION),
+        *(_DRIVES, _STROKE, _TIMES, _THEORY),
+    )
     for quantity in group
 }
 """The quantities by name."""
@@ -474,6 +547,12 @@ MEASURES: dict[str, tuple[Definition, Measure]] = {
 
 LOSSES: dict[str, Loss] = {loss.name: loss for loss in _DISSIPATION}
 """The constants of dissipation by name."""
+
+DRIVES: dict[str, Loss] = {drive.name: drive for drive in _DRIVES}
+"""The constants of a plane that shakes by name."""
+
+ACTING: dict[str, Loss] = LOSSES | DRIVES
+"""The constants of all that acts on a body beside gravity and the plane, by name."""
 
 COUPLE_CONSTANTS = frozenset(name for name, loss in LOSSES.items() if loss.takes_spin)
 """The constants under which a spin decays."""
@@ -490,7 +569,7 @@ def law_of(names: Collection[str]) -> str:
 
     The viscous torque accompanies all others, and is named where it is alone.
     """
-    actions = [loss.action for name, loss in LOSSES.items() if name in names]
+    actions = [loss.action for name, loss in ACTING.items() if name in names]
     words = dict.fromkeys(filter(None, actions))
     if len(words) > 1:
         words.pop("viscous", None)

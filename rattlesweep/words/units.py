@@ -21,25 +21,29 @@ KINDS = {
     "moment of inertia": ("kg m^2", "2.1 kg cm^2"),
     "angle": ("rad", "1.5 deg"),
     "spin": ("rad/s", "60 rpm"),
+    "frequency": ("rad/s", "25 Hz"),
     "time": ("s", "2.5 s"),
     "acceleration": ("m/s^2", "9.81 m/s^2"),
     "torque per spin": ("N m s", "1e-4 N m s"),
+    "force per speed": ("N s/m", "50 N s/m"),
     "energy": ("J", "0.5 mJ"),
     "modulus": ("Pa", "3.5 GPa"),
 }
 
 NATURAL = {
     "spin": "sqrt(g/a)",
+    "frequency": "sqrt(g/a)",
     "time": "sqrt(a/g)",
     "length": "a",
     "energy": "M g a",
     "moment of inertia": "M a^2",
     "torque per spin": "M a^2 sqrt(g/a)",
+    "force per speed": "M sqrt(g/a)",
 }
 """Units of the body that kinds of quantities are measured in."""
 
 # Other spellings of the SI unit of a kind: pint counts the radian.
-ALSO = {"torque per spin": "N m s/rad"}
+ALSO = {"torque per spin": "N m s/rad", "frequency": "Hz"}
 # The units that a body or a launch is measured in, by pint's names; prefixes and
 # plurals go with them.  Pint has a thousand more, such as the grain (gr), the pixel
 # (px) and the short ton, which are slips of the pen here.
@@ -109,15 +113,15 @@ def natural_number(text: str, kind: str) -> Natural | None:
     if number is None:
         return None
     spelled = unit.replace(" ", "")
+    if kind in NATURAL and spelled == NATURAL[kind].replace(" ", ""):
+        return Natural(number, text)
     for other, name in NATURAL.items():
-        if spelled == name.replace(" ", "") and other != kind:
+        if spelled == name.replace(" ", ""):
             example = KINDS[kind][1]
             raise ValueError(
                 f"is {with_article(other)}; {with_article(kind)} is needed, such as "
                 f"{example}"
             )
-        if spelled == name.replace(" ", ""):
-            return Natural(number, text)
     return None
 
 
@@ -163,7 +167,7 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
     for value, unit in zip(values, units, strict=True):
         size, base = _base(unit or units[-1], needed)
         _require_kind(base, kind, needed)
-        found.append(InSI(value * size))
+        found.append(InSI(value * (size * _turn(base, kind))))
     return found
 
 
@@ -181,6 +185,7 @@ def in_si(value: Any, kind: str) -> Any:
     if kind:
         needed = f"{with_article(kind)} is needed, such as {KINDS[kind][1]}"
         _require_kind(base, kind, needed)
+        size *= _turn(base, kind)
     elif base != _base_of_text("")[1]:
         raise ValueError(f"has the unit {value.units:D}; a pure number is needed")
     return value.magnitude * size
@@ -212,6 +217,16 @@ def _with_unit(numbers: Any, unit: str) -> Any:
     if isinstance(numbers, list):
         return [_with_unit(number, unit) for number in numbers]
     return f"{float(numbers)!r} {unit}"
+
+
+def _turn(base: str, kind: str) -> float:
+    """Return the radians in what a unit of a frequency counts a second, 1 for others.
+
+    Hertz are cycles.
+    """
+    if kind == "frequency" and base == _base("Hz")[1]:
+        return 2.0 * math.pi
+    return 1.0
 
 
 def _require_kind(base: str, kind: str, needed: str) -> None:
@@ -383,3 +398,15 @@ def _base_of_text(unit: str) -> tuple[float, str]:
     except pint.PintError as error:
         raise ValueError(str(error)) from None
     return float(one.magnitude), f"{one.units:D}"
+
+
+def readable_unit(size: float, unit: str) -> tuple[float, str]:
+    """Return the factor to a unit in which people write a quantity in SI units.
+
+    Lengths below 1 mm are in um: 250 um, and not 0.00025 m.
+    """
+    if unit != "m" or not 0 < abs(size) < 1e-3:
+        return 1.0, unit
+    if abs(size) < 1e-6:
+        return 1e9, "nm"
+    return 1e6, "um"

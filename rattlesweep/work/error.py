@@ -24,7 +24,8 @@ method damps this mode away, and where the errors of successive steps cancel eac
 other.  In the shorter steps of the run they have the same sign and add up.  The
 difference d would then be far too small.  Therefore companions of these launches take
 steps of at most COMPANION_ANGLE.  In T, r is then at least (n_steps'/n_steps)^order,
-and the weight of s is SWINGING_SHARE, as these errors do not average out.
+and the weight of s is SWINGING_SHARE, as these errors do not average out.  Where a body
+may slide, their estimate is multiplied by a factor of its own.
 
 **Pulled bodies** rock so hard that the plane would have to pull them.  There is no
 friction while it would, so the torque against pivoting has a kink where it ends and
@@ -58,7 +59,7 @@ from rattlesweep.kernel.outcome import Batch, Estimated, Outcome, has_settled
 from rattlesweep.kernel.runs import MOST_REVERSALS
 from rattlesweep.kernel.state.status import Status
 from rattlesweep.kernel.task import Control
-from rattlesweep.motion.model import REDUCED, Model
+from rattlesweep.motion.model import Model
 from rattlesweep.physics import full
 from rattlesweep.work.error_fit import TIGHTEST, fit_of
 
@@ -287,7 +288,7 @@ def companion_setting(config: Config, value: float) -> float:
 
 def is_swinging(batch: Batch, model: Model) -> Flags:
     """Return the launches that hold most of their energy in the oscillation."""
-    if model.name == REDUCED.name:  # its steps do not follow the oscillation
+    if model.chart is None:  # its steps do not follow the oscillation
         return np.zeros(len(batch), dtype=bool)
     # The square of the spin that would have the energy of the oscillation.
     oscillation = batch.rate / batch.swing
@@ -434,6 +435,7 @@ def _relative_error(
     one_swing = 2 * np.pi / batch.swing / runs.t_r
     relative += np.where(pair.grazes > 0, scale.fit.swings * one_swing, 0.0)
     relative += _error_of_slides(runs, scale)
+    relative = np.where(swinging, scale.fit.swinging * relative, relative)
     return np.minimum(relative, 1.0)
 
 
@@ -461,9 +463,8 @@ def _parted(apart: Floats | float) -> Floats:
 def _is_unsteady(batch: Batch, model: Model) -> Flags:
     """Return the launches in the unsteady direction."""
     constants = model.named(batch.constants.T)
-    if model.name == REDUCED.name:
-        n, _, _ = batch.y0.T
-        unsteady: Flags = constants["k_p"] * n >= 0
+    if model.chart is None:
+        unsteady: Flags = constants["k_p"] * batch.y0[:, 0] >= 0
     else:
         # The mixed curvature has the sign of K_p, and omega_z that of -n.
         _, _, _, _, c, *_ = batch.y0.T
@@ -492,7 +493,7 @@ def _departure_error(
     """Return errors of ``n_departure``, NaN for runs that are not ok."""
     departure = pair.runs.n_departure
     error = DIFFER * np.abs(departure - pair.companions.n_departure)
-    if config.model != REDUCED.name:  # its spin does not swing
+    if config.model != "reduced":  # its spin does not swing
         # The loss is that at the ends of steps.  A swing of the launch's rate gets at
         # most ``rate * swing * h^2 / 8`` further between two of them.
         ends = np.maximum(pair.runs.n_steps, 1)
@@ -513,7 +514,7 @@ def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Float
     It is relative to the size of `y`.
     """
     change = (y - other).T
-    if model.name == REDUCED.name:
+    if model.chart is None:
         norm: Any = model.error
         moved, size = norm.py_func(change, y.T, constants.T)
     else:

@@ -21,6 +21,7 @@ class ErrorFit(NamedTuple):
     tightest: float = TIGHTEST  # tolerance below which the floor does not fall
     slides: float = 0.0  # added for runs that slide, at any tolerance
     swings: float = 1.0  # of the spin, by which a zero may move that it only touches
+    swinging: float = 1.0  # factor for launches that mostly swing
 
 
 FITS = {
@@ -35,7 +36,13 @@ FITS = {
 _ROLLING = ErrorFit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
 # Slides split the motion into smooth parts, but runs part at slides that only one has.
 _SLIDING = ErrorFit(
-    floor=0.3, near=5.0, slope=6.0, share=0.0015, power=0.9, looser=300.0
+    floor=0.3,
+    near=5.0,
+    slope=6.0,
+    share=0.0015,
+    power=0.9,
+    looser=300.0,
+    swinging=3.0,
 )
 # The patch of contact turns while it slides: the torque has kinks, and errors have any
 # sign.
@@ -48,6 +55,7 @@ _PIVOTING_SLIDING = ErrorFit(
     looser=30.0,
     slides=3.5e-12,
     swings=2.0,
+    swinging=3.0,
 )
 _ROLLING_PIVOTING = ErrorFit(
     floor=5.0,
@@ -58,6 +66,8 @@ _ROLLING_PIVOTING = ErrorFit(
     looser=30.0,
     swings=2.0,
 )
+# Losses in proportion to what is lost, in the reduced model.
+EXPONENTIAL = frozenset(["sigma", "viscous"])
 MOTION_FITS: dict[tuple[str, str], ErrorFit | None] = {
     ("paraboloid", ""): None,
     # Its large swings are harder to integrate.
@@ -78,6 +88,7 @@ MOTION_FITS: dict[tuple[str, str], ErrorFit | None] = {
     ("ellipsoid", "rolling_pivoting"): _ROLLING_PIVOTING._replace(
         floor=4.0, slope=9.0, power=1.0
     ),
+    ("reduced", "damped"): None,
 }
 """Constants by surface and friction, None for those of the method.
 
@@ -103,9 +114,13 @@ def fit_of(config: Config) -> ErrorFit:
 def fitted_motion(config: Config, without: str = "") -> tuple[str, str]:
     """Return the surface and the friction of a sweep, a key of `MOTION_FITS`.
 
-    A constant of friction can be left out.
+    A constant of friction can be left out.  The reduced model has no surface.
     """
-    names = [name for name in config.dissipation.present if name != without]
+    names = [name for name in config.acting.present if name != without]
+    if without == "base":
+        names = config.dissipation.present
+    if config.model == "reduced" and names:
+        return "reduced", "damped" if EXPONENTIAL.issuperset(names) else law_of(names)
     law = law_of(names)
     parts = [law] if law not in ("", "viscous") else []
     if "mu" in names:
@@ -116,12 +131,18 @@ def fitted_motion(config: Config, without: str = "") -> tuple[str, str]:
 def _refusal(config: Config) -> str:
     """Say that there are no constants for the surface and the friction of a sweep."""
     names = [name for name in config.dissipation.present if name != "sigma"]
+    if config.acting.is_shaken:
+        names.append("base")
+    if config.model == "reduced":
+        names = config.dissipation.present
     key = "record"
     asked = "error"
     if config.integrator.goal is not None:
         key = "integrator.accuracy"
         asked = "accuracy"
     what = config.bodies.bottom
+    if config.model == "reduced":
+        what = "the reduced model"
     if names:
         what += f" with {_listed(names, 'and')}"
     removable = [asked]

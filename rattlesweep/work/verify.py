@@ -243,7 +243,7 @@ def _wrong_ends(rows: pa.Table, config: Config) -> Flags:
         is_right = np.where(reverses, t_end == t_r, is_at_horizon)
     # Such runs may end before the horizon: `early` ends those that are settled, and
     # friction those whose spin changes sign with hardly any energy left.
-    if config.classify.early or config.dissipation:
+    if config.classify.early or config.acting:
         is_right |= goes_on & (t_end < horizon)
     wrong: Flags = (t_end > horizon) | (is_ok & ~is_right)
     return wrong

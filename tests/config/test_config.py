@@ -208,7 +208,13 @@ def test_defaults_are_table_one_and_the_papers_own_step():
         "record": [],
         "bodies": {"source": "sd", "samples": 1000, "ranges": ranges, "draw": "random"},
         "spin": {"n_i": [0.1], "omega_xy0": [0.01], "psi": "relevant"},
-        "dissipation": {"sigma": [0], "rolling": [0], "pivot": [0], "creep": [0]},
+        "dissipation": {
+            "sigma": [0],
+            "rolling": [0],
+            "pivot": [0],
+            "creep": [0],
+            "viscous": [0],
+        },
         "output": "out/sweep",
         "integrator": {"method": "dop853", "tol": 1e-9, "max_steps": 100_000_000},
         "classify": {
@@ -265,7 +271,7 @@ sd | spin: | launch: {omega: [0, 0, -1]}\nspin: | 9: spin: spin and launch are b
 preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 1], u: [0, 0, 1]} | 2: launch.u: u must be a vector of length 1 with u_z below 0
 sd | tol: 1e-9 | dt: 0.1 | 14: integrator.dt: dop853 takes tol alone; leave dt out
 sd | method: dop853 | accuracy: draft | 14: integrator.tol: accuracy: draft sets the method and its tol; leave tol out
-preset | + | model: gh\nintegrator: {accuracy: {t_r: 1e-6}} | 4: integrator: accuracy {t_r: ...} excludes model gh and record reversals or spectrum; keep
+preset | + | model: gh\nintegrator: {accuracy: {t_r: 1e-6}} | 4: integrator: accuracy {t_r: ...} excludes model gh and record reversals, spectrum or late; keep
 sd | samples: 1000 | draw: sobol | 7: bodies.target: only random draws can meet a target; take draw: random
 preset | + | stop: {fraction: 0.1} | 3: stop: source preset draws no samples; take source: sd
 preset | + | horizon: {t_decay: 3} | 3: horizon.t_decay: it is in units of gamma/sigma, and sigma is 0; give dissipation.sigma

@@ -90,7 +90,7 @@ def test_a_bad_value_is_refused(mu, message):
 @pytest.mark.parametrize(
     ("keys", "place"),
     [
-        ({"model": "reduced"}, "dissipation"),
+        ({"model": "reduced"}, "dissipation.mu"),
         ({"model": "gh"}, "dissipation"),
         ({"record": ["volume"]}, "record"),
         ({"record": ["lyapunov"]}, "record"),

@@ -786,14 +786,15 @@ class Crept:
     energy_error: float
 
 
-def crept(body, u, omega, t_end, mu, patch, rtol=1e-9):
-    """Return what becomes of a launch under the law of Hertz's patch, radius ``patch``.
+def patch_rates(stone, smoothest=0.0, has_torque=True):
+    """Return the rates of ``(u, omega, v, work)`` under the whole law of the patch.
 
     Coulomb's law holds at each point of the circle.  Force and torque are those of the
-    closed form; the foot creeps at the velocity ``v`` and nothing sticks.  The state is
-    ``(u, omega, v, work)``.
+    closed form; the foot creeps at the velocity ``v`` and nothing sticks.  A spin ``n``
+    counts as the root of its square and that of `smoothest`; a spin that the patch
+    holds is then a multiple of it.
     """
-    stone = rubbed_stone(body, 3 * math.pi / 16 * mu * patch, mu)
+    mu = stone.mu
 
     def rates(t, y):
         u = tuple(y[:3].tolist())
@@ -801,8 +802,9 @@ def crept(body, u, omega, t_end, mu, patch, rtol=1e-9):
         v = tuple(y[6:9].tolist())
         contact = contact_of(stone, u, omega)
         n = dot(u, omega)
+        size = math.hypot(n, smoothest)
         speed = math.sqrt(dot(v, v))
-        reach = patch * abs(n)
+        reach = stone.patch * size
         if speed <= reach:
             x = speed / reach
             per_speed = 3 * math.pi / 32 * (4 - x * x) / reach  # F / (mu N v)
@@ -815,11 +817,45 @@ def crept(body, u, omega, t_end, mu, patch, rtol=1e-9):
             turning = turning_share(speed / reach)
         # The sliding force is mu F_hat towards -v; s = F_hat v/|v| is shorter than one.
         s = times(per_speed, v)
-        lever = -mu * patch * turning * math.copysign(1.0, n)
+        lever = 0.0
+        if has_torque and n != 0:
+            lever = -mu * stone.patch * turning * n / size
         forces, pull, _ = sliding_forces(stone, contact, u, omega, s, lever)
         work = forces.torque * n - mu * forces.normal * dot(s, v)
         turned = plus(pull, times(-1, cross(omega, v)))
         return [*contact.du, *forces.turn, *turned, work]
+
+    return rates
+
+
+def growth_under_patch(body, n_i, pivot, mu, has_torque=True):
+    """Return the growth rates of roll and pitch about an upright spin.
+
+    They are the real parts of the eigenvalues of what is horizontal, from central
+    differences of :func:`patch_rates`, with the spin as it is.
+    """
+    rates = patch_rates(rubbed_stone(body, pivot, mu), has_torque=has_torque)
+    upright = np.array([0.0, 0.0, -1.0, 0.0, 0.0, -n_i, 0.0, 0.0, 0.0, 0.0])
+    horizontal = [0, 1, 3, 4, 6, 7]
+    columns = []
+    for place in horizontal:
+        step = np.zeros(10)
+        step[place] = 1e-6
+        change = np.subtract(rates(0, upright + step), rates(0, upright - step))
+        columns.append(change[horizontal] / 2e-6)
+    values = np.linalg.eigvals(np.transpose(columns))
+    swings = values[values.imag > 0]
+    roll, pitch = swings[np.argsort(swings.imag)].real
+    return float(roll), float(pitch)
+
+
+def crept(body, u, omega, t_end, mu, patch, rtol=1e-9, method="Radau"):
+    """Return what becomes of a launch under the law of Hertz's patch, radius ``patch``.
+
+    It ends at the first zero of the spin.
+    """
+    stone = rubbed_stone(body, 3 * math.pi / 16 * mu * patch, mu)
+    rates = patch_rates(stone)
 
     def total(y):
         u = tuple(y[:3])
@@ -837,7 +873,7 @@ def crept(body, u, omega, t_end, mu, patch, rtol=1e-9):
     # The rates do not depend on the work, and SciPy widens its differences for it.
     with np.errstate(over="ignore"):
         followed = solve_ivp(
-            rates, (0, t_end), start, "Radau", rtol=rtol, atol=1e-3 * rtol, events=zero
+            rates, (0, t_end), start, method, rtol=rtol, atol=1e-3 * rtol, events=zero
         )
     assert followed.success, followed.message
     speeds = np.linalg.norm(followed.y[6:9], axis=0)

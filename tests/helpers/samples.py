@@ -130,6 +130,7 @@ def wide_launches(size, seed, losses, ellipsoid=False):
         "pivot": log_uniform(rng, 2e-4, 1e-2, size),
         "rolling": log_uniform(rng, 1e-6, 1e-3, size),
         "mu": rng.uniform(0.1, 1, size),
+        "creep": np.zeros(size),
     }
     return table | {name: strengths[name] for name in losses}
 

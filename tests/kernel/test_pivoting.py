@@ -48,7 +48,7 @@ def test_equations_in_slopes_are_those_in_any_position(law, sense):
         got = model.anywhere.rhs(tuple(there), tuple(constants))
         wanted = model.rhs(tuple(state[0]), tuple(q))
         np.testing.assert_allclose(got[3:], wanted[2:], rtol=1e-10, atol=1e-12)
-        torque, normal = model.pivot(tuple(state[0]), tuple(q))
+        torque, normal, _ = model.pivot(tuple(state[0]), tuple(q))
         # F.u of the contact force that the motion needs is the normal force used.
         needed, _ = model.contact(tuple(state[0]), tuple(q))
         assert normal == pytest.approx(needed, rel=1e-10)

@@ -474,7 +474,9 @@ def test_the_least_normal_force_is_that_between_steps_of_slides():
         assert out.contact_normal_min[k] == pytest.approx(normal.min(), abs=2e-5)
 
 
-@pytest.mark.parametrize("slides_too", [False, True])
+@pytest.mark.parametrize(
+    "slides_too", [False, pytest.param(True, marks=pytest.mark.slow)]
+)
 def test_a_paraboloid_beside_an_ellipsoid_keeps_its_bits(slides_too):
     runs = kernels.full_batch(GH, [0.3, 0.4, 0.3], 0.1, t_end=60.0)
     mixed = np.column_stack([runs.constants, [0.0, 0.5, 0.0]])

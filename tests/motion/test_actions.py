@@ -21,7 +21,7 @@ from rattlesweep.motion.chart import ANYWHERE, SLOPES
 from rattlesweep.motion.model import ELLIPSOID, FULL, compose, find_model
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.full import scalar
-from rattlesweep.words.quantities import LOSSES, law_of
+from rattlesweep.words.quantities import ACTING, LOSSES, law_of
 
 
 def test_each_constant_of_dissipation_belongs_to_an_action():
@@ -30,7 +30,7 @@ def test_each_constant_of_dissipation_belongs_to_an_action():
             assert name in ACTIONS[loss.action].constants
     for action in ACTIONS.values():
         for name in action.constants:
-            assert name in LOSSES or name in action.fixed
+            assert name in ACTING or name in action.fixed
 
 
 @pytest.mark.parametrize("name", kernels.MODEL_NAMES)

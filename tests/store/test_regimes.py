@@ -193,7 +193,7 @@ def test_a_replay_takes_the_steps_of_the_stored_run(tmp_path):
         ({"record": ["spectrum", "error"]}, "spectrum and error exclude each other"),
         ({"dissipation": {"sigma": 0.1}}, "spectrum needs paraboloids without"),
         ({"classify": {"early": True}}, "need whole runs"),
-        ({"integrator": {"accuracy": {"t_r": 1e-6}}}, "reversals or spectrum"),
+        ({"integrator": {"accuracy": {"t_r": 1e-6}}}, "reversals, spectrum or late"),
     ],
 )
 def test_rules(keys, words):

@@ -63,8 +63,16 @@ def test_every_column_says_what_it_is() -> None:
     rates = (units.TIME, units.RATE, units.ENERGY, units.FORCE)
     for column in (*runs_schema(tables.RECORD_PARTS), *summary.SCHEMA):
         unit = column.metadata[b"unit"].decode()
-        in_si = {"s", "rpm", "N m s", "m"}
-        assert unit in {"1", "rad", "a", "M a^2 sqrt(g/a)", *rates, *in_si}, column.name
+        in_si = {"s", "rpm", "N m s", "m", "N s/m", "Hz"}
+        assert unit in {
+            "1",
+            "rad",
+            "a",
+            "M a^2 sqrt(g/a)",
+            "M sqrt(g/a)",
+            *rates,
+            *in_si,
+        }, column.name
         assert len(column.metadata[b"description"]) > 5, column.name
 
 

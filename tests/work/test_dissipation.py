@@ -182,12 +182,18 @@ REFUSED_TABLES: dict[str, tuple[str, str, dict[str, Any], str]] = {
         {"dissipation": {"sigma": [0, 1]}},
         "dissipation.sigma: there are several values, and the table has a column ",
     ),
-    "reduced": (
+    "closed form": (
         "sigma",
         "0.1",
+        {"model": "gh"},
+        "bodies.path: with sigma of the table: dissipation: the model gh conserves",
+    ),
+    "reduced": (
+        "mu",
+        "0.1",
         {"model": "reduced"},
-        "bodies.path: with sigma of the table: dissipation: the model reduced "
-        "conserves",
+        "bodies.path: with mu of the table: dissipation.mu: the reduced model has no "
+        "contact force",
     ),
     "no decay": (
         "sigma",

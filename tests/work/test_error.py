@@ -334,7 +334,7 @@ def test_a_spin_released_from_rest_leaves_to_one_side(tol):
 
 def test_slides_with_pivoting_are_as_exact_as_the_tolerance():
     """64 slides; steps over the kink of the torque gave an error of 2.4e-7."""
-    losses = {"mu": [0.1, 0.3, 1.0], "pivot": [5e-4, 2e-3]}
+    losses = {"mu": [0.1, 0.3, 1.0], "pivot": [5e-4, 2e-3], "creep": [0]}
     times = []
     for tol in (1e-9, 1e-12):
         config = friction_runs(losses, 25, 21) | {"integrator": {"tol": tol}}
@@ -348,7 +348,7 @@ def test_slides_with_pivoting_are_as_exact_as_the_tolerance():
 
 
 ELLIPSOID = {"c": [1.0, 3.0]}
-PIVOT = {"pivot": [5e-4, 2e-3]}
+PIVOT = {"pivot": [5e-4, 2e-3], "creep": [0]}
 MU = {"mu": [0.1, 0.3, 1.0]}
 ROLLING = {"rolling": [1e-5, 1e-4]}
 # Surface, friction and samples of a thousand runs that reverse.
@@ -469,18 +469,37 @@ def test_every_method_has_constants_and_another_one_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("surface", "losses", "message"),
+    ("surface", "losses", "message", "removable"),
     [
-        ({}, {"mu": 0.3, "rolling": 1e-3}, "paraboloid with rolling and mu"),
-        ({"c": 1.0}, {"mu": 0.3, "rolling": 1e-3}, "ellipsoid with rolling and mu"),
+        (
+            {},
+            {"mu": 0.3, "rolling": 1e-3},
+            "paraboloid with rolling and mu",
+            "rolling or mu",
+        ),
+        (
+            {"c": 1.0},
+            {"mu": 0.3, "rolling": 1e-3},
+            "ellipsoid with rolling and mu",
+            "rolling or mu",
+        ),
         (
             {},
             {"mu": 0.3, "rolling": 1e-3, "pivot": 1e-3},
             "paraboloid with rolling, pivot and mu",
+            "rolling or mu",
+        ),
+        (
+            {},
+            {"pivot": 1e-3, "creep": 0.3},
+            "paraboloid with pivot and creep",
+            "or creep",
         ),
     ],
 )
-def test_friction_without_calibrated_errors_is_refused(surface, losses, message):
+def test_friction_without_calibrated_errors_is_refused(
+    surface, losses, message, removable
+):
     asked = {
         "record: ": {"record": ["error"]},
         "integrator.accuracy: ": {"integrator": {"accuracy": {"t_r": 1e-6}}},
@@ -488,11 +507,27 @@ def test_friction_without_calibrated_errors_is_refused(surface, losses, message)
     for key, keys in asked.items():
         config = friction_runs(losses, 1, 1) | keys
         config["bodies"] |= surface
-        words = (
-            f"{key}errors are not calibrated for {message}; leave out .*rolling or mu"
-        )
+        words = f"{key}errors are not calibrated for {message}; leave out .*{removable}"
         with pytest.raises(ConfigError, match=words):
             error_fit.fit_of(sweeping.plan_of(config).config)
+
+
+@pytest.mark.parametrize(
+    ("losses", "advice"),
+    [
+        ({"pivot": 1e-3, "creep": 0.3}, "pivot and creep; leave out error or creep"),
+        (
+            {"pivot": 1e-3, "mu": 0.3, "creep": "mu"},
+            "pivot, creep and mu; leave out error or creep",
+        ),
+    ],
+)
+def test_errors_with_creep_are_refused(losses, advice):
+    config = friction_runs(losses, 1, 1) | {"record": ["error"]}
+    with pytest.raises(
+        ConfigError, match=f"not calibrated for paraboloid with {advice}"
+    ):
+        error_fit.fit_of(sweeping.plan_of(config).config)
 
 
 @pytest.mark.parametrize(

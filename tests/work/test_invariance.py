@@ -75,6 +75,7 @@ ERRORS = ["t_r_error", "n_departure_error"]
 FRICTION = {
     "mu": ({"mu": [0.2, 0.4]}, ["contact"], SLIDES),
     "pivot": ({"pivot": [2e-3, 1e-2]}, ["contact"], HOLDS),
+    "viscous": ({"viscous": [30, 300]}, [], ["slip_work"]),
     "both": (
         {"mu": [0.1, 0.2], "pivot": 2e-3},
         ["contact", "error"],
@@ -89,6 +90,7 @@ FRICTION = {
     [
         pytest.param("mu", marks=pytest.mark.slow),
         pytest.param("pivot", marks=pytest.mark.slow),
+        pytest.param("viscous", marks=pytest.mark.slow),
         "both",
     ],
 )

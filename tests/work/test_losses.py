@@ -78,6 +78,7 @@ WAYS = {
         ("creep_work", "creep_doubtful", "K_p_creep", "K_r_creep"),
         beside={"pivot": 0.002},
     ),
+    "viscous": Ways((0.0, 30.0, 300.0), UNSTEADY, 60, ("slip_work", "n_p", "n_r")),
 }
 names = pytest.mark.parametrize("name", LOSSES)
 

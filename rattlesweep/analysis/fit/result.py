@@ -17,6 +17,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.system.console import align
 from rattlesweep.words.errors import ConfigError, not_one_of
+from rattlesweep.words.units import readable_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +43,8 @@ def unit_for_people(name: str, units: Units | None) -> tuple[float, str]:
 def in_words(name: str, value: float, units: Units | None) -> str:
     """Return a parameter with its value and unit for people."""
     size, unit = unit_for_people(name, units)
-    text = f"{name} {size * value:.4g}"
+    factor, unit = readable_unit(size * value, unit)
+    text = f"{name} {factor * size * value:.4g}"
     return text if unit == "1" else f"{text} {unit}"
 
 
@@ -211,7 +213,8 @@ def report_of(fit: Fit) -> str:
         line.append(parameter.unit)
         if name in fit.in_si:
             *numbers, unit = fit.in_si[name]
-            line += [f"{number:.5g}" for number in numbers]
+            factor, unit = readable_unit(numbers[0], unit)
+            line += [f"{factor * number:.5g}" for number in numbers]
             line.append(unit)
         else:
             line += [""] * 4

@@ -68,7 +68,7 @@ class View:
         """The work of the dissipation: of couples, a variable, and of slides."""
         of_slides: Floats = self.samples.slip[:, SLIP_WORK]
         model = self.follower.model
-        if model.actions:
+        if "work" in model.components:
             of_slides = of_slides + self.y[model.column("work")]
         return of_slides
 
@@ -86,8 +86,27 @@ class View:
         return self.samples.slip[:, SLIP_SPEED] > 0
 
     @property
+    def viscous_slip(self) -> tuple[Floats, Floats]:
+        """The velocity of a foot that slips, along ``h_1`` and ``h_2``."""
+        model = self.follower.model
+        return self.y[model.column("slip_1")], self.y[model.column("slip_2")]
+
+    @property
+    def slip_speed(self) -> Floats:
+        """The speed of the contact point on the plane."""
+        if self.follower.model.slip is None:
+            return self.samples.slip[:, SLIP_SPEED]
+        first, second = self.viscous_slip
+        speed: Floats = np.hypot(first, second)
+        return speed
+
+    @property
     def slip_angle(self) -> Floats:
         """The direction of sliding from -pi to pi, NaN where the body rolls."""
+        if self.follower.model.slip is not None:
+            first, second = self.viscous_slip
+            direction: Floats = np.arctan2(second, first)
+            return direction
         angle = self.samples.slip[:, SLIP_ANGLE]
         turns = np.round(angle / (2 * np.pi))
         return np.where(self.slides, angle - 2 * np.pi * turns, np.nan)
@@ -149,7 +168,7 @@ class View:
     @cached_property
     def modes(self) -> tuple[Floats, Floats]:
         """The energies of pitch and roll."""
-        if len(self.y) < full.N_STATE:  # the reduced model has them as variables
+        if self.follower.model.chart is None:  # the reduced model has them as variables
             return self.y[1], self.y[2]
         u, omega = self.vectors
         oscillation = omega[:2] - self.observed[0] * u[:2]
@@ -242,7 +261,7 @@ def _channels() -> Iterator[Channel]:
         "work",
         ENERGY,
         "work of the dissipation, negative",
-        _FULL,
+        BOTH,
         lambda view: view.work,
     )
     yield Channel(
@@ -263,6 +282,14 @@ def _channels() -> Iterator[Channel]:
         "C_I",
         "1",
         "Casimir invariant ln(E_p)/K_p + ln(E_r)/K_r",
+        BOTH,
+        lambda view: view.casimir,
+        conserved=("reduced",),
+    )
+    yield Channel(
+        "casimir",
+        "1",
+        "the same as C_I, by the name of record: [casimir]",
         BOTH,
         lambda view: view.casimir,
         conserved=("reduced",),
@@ -312,14 +339,14 @@ def _channels() -> Iterator[Channel]:
         "held",
         "1",
         "1 where friction holds the spin at zero, else 0",
-        _FULL,
+        BOTH,
         lambda view: view.held.astype(float),
     )
     yield Channel(
         "pivot_torque",
         ENERGY,
         "torque of pivoting friction along the vertical",
-        _FULL,
+        BOTH,
         lambda view: view.observed[4],
     )
     yield Channel(
@@ -327,7 +354,7 @@ def _channels() -> Iterator[Channel]:
         SPEED,
         "speed of the contact point on the plane",
         _FULL,
-        lambda view: view.samples.slip[:, SLIP_SPEED],
+        lambda view: view.slip_speed,
     )
     yield Channel(
         "slip_angle",

@@ -34,7 +34,7 @@ from rattlesweep.kernel.batch import longest_frame_steps
 from rattlesweep.kernel.follow import NORMAL_MIN, RATIO_MAX, Follower, Samples
 from rattlesweep.kernel.method.tableau import DOP853, METHODS, TOL
 from rattlesweep.kernel.state.fields import SLIP_SPEED, SLIP_WORK
-from rattlesweep.motion.model import REDUCED
+from rattlesweep.motion.model import reduced_model
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.rows import arrow
 from rattlesweep.rows.arrow import build_table
@@ -42,7 +42,7 @@ from rattlesweep.system.console import counted
 from rattlesweep.system.files import streamed_file
 from rattlesweep.words.defaults import LEAST_ROWS, ROWS_A_PERIOD
 from rattlesweep.words.errors import ConfigError
-from rattlesweep.words.quantities import LOSSES, TIME
+from rattlesweep.words.quantities import ACTING, TIME
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -170,7 +170,7 @@ class PreparedRun:
         losses = []
         for name, values in self.launches.losses.items():
             if values[0] > 0:
-                loss = LOSSES[name]
+                loss = ACTING[name]
                 losses.append(f"{loss.letter} {self.with_unit(values[0], loss.unit)}")
         return ", ".join(losses)
 
@@ -303,7 +303,8 @@ class Course:
         self._beside = None
         if "reduced" in needs:
             beside = with_energies(reduced_batch(run.launches), *run.energies)
-            self._beside = Follower(beside, DOP853, REDUCED, tol=BESIDE_TOL)
+            model = reduced_model(run.launches.losses)
+            self._beside = Follower(beside, DOP853, model, tol=BESIDE_TOL)
 
     def _follow(self, has_attitude: bool) -> Follower:
         """Return the integration of the run, which has not begun."""
@@ -371,8 +372,8 @@ class Course:
 
         def channel_of(samples: Samples) -> Floats:
             view = self._view(samples)
-            has_couples = self.run.config.dissipation.has_couples
-            if section.channel.name == "energy" and not has_couples:
+            does_work = self.run.config.acting.does_work
+            if section.channel.name == "energy" and not does_work:
                 # Between slides nothing takes energy, and the error of the method would
                 # cross the value.
                 return self.follower.energy_0 + view.work

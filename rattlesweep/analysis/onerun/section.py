@@ -53,7 +53,7 @@ NO_SECTIONS = {
 }
 # Channels that only rounding changes, by the models that conserve them; dissipation
 # takes energy.
-_CONSTANTS = {"full": {"energy"}, "reduced": {"energy", "C_I"}}
+_CONSTANTS = {"full": {"energy"}, "reduced": {"energy", "C_I", "casimir"}}
 _DIRECTIONS = {"+": 1, "-": -1, "": 0}
 RISES = "whether {} rises there"
 

@@ -36,9 +36,9 @@ from rattlesweep.rows.launches import Bodies
 from rattlesweep.system.files import as_path
 from rattlesweep.words.errors import ConfigError, one_line
 from rattlesweep.words.quantities import (
+    ACTING,
     CONSTANT_OF_SURFACE,
     INITIAL_RATES,
-    LOSSES,
     MEASURES,
     QUANTITIES,
     SURFACE_CONSTANTS,
@@ -63,7 +63,7 @@ _COLUMNS = (
     "psi",
     "f_sd",
     *SURFACE_CONSTANTS,
-    *LOSSES,
+    *ACTING,
 )
 """Columns that determine a run, in units of the body."""
 SI_BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r2_m")
@@ -118,7 +118,7 @@ KEYS = ("case", "sample")
 USED = {"", *INPUT, *_RESULTS}
 """Columns that are read, or replaced; those of other names are copied to the runs."""
 BOUNDED = {name for name, quantity in QUANTITIES.items() if not quantity.is_open}
-BOUNDED |= LOSSES.keys() | SURFACE_CONSTANTS.keys() - {"c"} | {"rim"}
+BOUNDED |= ACTING.keys() | SURFACE_CONSTANTS.keys() - {"c"} | {"rim"}
 """Columns with limits of their own; `physics.body` checks the parameters and ``c``."""
 RowProblem = tuple[int, str]  # number of a row, from 0, and message
 
@@ -151,12 +151,15 @@ class TableBodies:
 
     @property
     def losses(self) -> dict[str, list[float | str]]:
-        """The dissipation in the table: a number that all rows share, or "table"."""
+        """What acts by the table: a number that all rows share, or "table"."""
         losses: dict[str, list[float | str]] = {}
-        for name in LOSSES:
+        for name in ACTING:
             if name in self.columns:
                 values = np.unique(self.columns[name])
                 losses[name] = [FROM_TABLE] if len(values) > 1 else [float(values[0])]
+        # The key of the phase is in degrees.
+        if losses.get("base_phase", [0.0]) != [0.0]:
+            losses["base_phase"] = [FROM_TABLE]
         return losses
 
     @property

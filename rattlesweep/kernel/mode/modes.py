@@ -11,7 +11,8 @@ A lane is in one mode at a time, which lasts while its limit is positive:
 
 Where the friction is used up, SLIDING follows all others.  PIVOTING follows itself,
 with the other sense of the spin.  A slide also ends where the contact point is at rest:
-then the body rolls if the plane can hold it.
+then the body rolls if the plane can hold it.  A body on a plane that shakes may leave
+it, so the normal force is a limit, too, whose zero ends the run.
 
 The limit of a body with a rim is combined with the height that is left below it
 (`inside.both`), so that one search (`event.zeros`) finds the first zero of all.  Which
@@ -50,7 +51,7 @@ from rattlesweep.kernel.state.fields import (
     Point,
 )
 from rattlesweep.kernel.state.lane import Mode, ModeSet, lane_of
-from rattlesweep.kernel.state.statuses import AT_LIMIT, RIM
+from rattlesweep.kernel.state.statuses import AT_LIMIT, LIFTS_OFF, RIM
 from rattlesweep.kernel.step import slots
 from rattlesweep.kernel.tangents import nothing
 from rattlesweep.motion.model import Model
@@ -98,12 +99,6 @@ def never_calm(lane):
 
 
 @scalar
-def never_gives_way(lane):
-    """Return that no spin is held, of a model without pivoting friction."""
-    return False
-
-
-@scalar
 def no_rim(lane, y):
     """Return the height that is left below the rim of a body without one."""
     return 1.0
@@ -130,6 +125,36 @@ def margin_at_rim(lane, y, f):
     return below_rim(lane, y)
 
 
+@scalar
+def limit_of_force(lane, h, y, f):
+    """Return the normal force, combined with the height that is left below a rim."""
+    ahead = DIFFERENCE / lane.swing
+    contact = lane.problem.model.contact
+    left = lane.problem.modes.left
+    normal, _ = contact(y, lane.constants)
+    now = inside.both(normal, left(lane, y))
+    y_later = moved(y, f, ahead)
+    normal, _ = contact(y_later, lane.constants)
+    later = inside.both(normal, left(lane, y_later))
+    return Point(h, now, (later - now) / ahead)
+
+
+@scalar
+def margin_of_force(lane, y, f):
+    """Return the same from a state and its derivative."""
+    normal, _ = lane.problem.model.force(y, f, lane.constants)
+    return inside.both(normal, lane.problem.modes.left(lane, y))
+
+
+@njit(**INNER)
+def end_off_plane(lane, status, move, recording):
+    """Return status and move of a run that ends where the body leaves the plane."""
+    if status != AT_LIMIT:
+        return status, move
+    at_rim = lane.problem.modes.left(lane, lane.y1) < slides.AT_RIM
+    return RIM if at_rim else LIFTS_OFF, move
+
+
 @njit(**INNER)
 def go_on(lane, status, move, recording):
     """Return status and move; the lane goes on as it is."""
@@ -143,7 +168,7 @@ def end_at_rim(lane, status, move, recording):
 
 
 @njit(**INNER)
-def settle(lane, y, t):
+def settle(lane, y, n, t):
     """Let the lane roll."""
     lane.mode = ROLLING
 
@@ -226,6 +251,60 @@ def observe_margin(
     return observe_limit
 
 
+def stays_on_plane(model: Model) -> Callable[..., bool]:
+    """Return whether a body is too calm for a plane that shakes to lose it in a step.
+
+    As in `slides.is_calm`, the normal force is within a share of the weight, whose
+    amplitude is that of the plane's acceleration.
+    """
+    (strength,) = [each.strength for each in model.actions if each.lifts]
+    place = model.constants.index(strength)
+
+    @scalar
+    def stays(lane):
+        error = lane.problem.model.error
+        acceleration = lane.constants[place]
+        _, before = error(lane.y, lane.y, lane.constants)
+        _, after = error(lane.y1, lane.y1, lane.constants)
+        fastest = 0.5 * lane.swing + abs(lane.n0) + abs(lane.n1)
+        most = fastest * fastest * (before + after)
+        return acceleration + 2.0 * (1.0 + acceleration) * most < 1.0
+
+    return stays
+
+
+def observe_force(
+    margin: Callable[..., float], stays: Callable[..., bool]
+) -> Callable[..., None]:
+    """Return what :func:`observe_margin` does, which looks only at lanes that may lift.
+
+    The margin of the others counts as 1, whatever is computed for it.
+    """
+    observe_all = observe_margin(margin, never_calm)
+
+    @njit(fastmath=FASTMATH, **INNER)
+    def observe_limit(problem, w):
+        widest_vectors()
+        lifting = 0
+        for l in range(problem.lanes):
+            lane = lane_of(problem, w, l)
+            lifting += 0 if stays(lane) else 1
+        if lifting > 0:
+            observe_all(problem, w)
+        for l in range(problem.lanes):
+            lane = lane_of(problem, w, l)
+            calm = stays(lane)
+            leaves = lane.leaves
+            watched = lane.watched
+            end = lane.margin1
+            looked = lifting > 0
+            lane.margin1 = 1.0 if calm else end
+            lane.leaves = 0.0 if calm else leaves
+            lane.watched = watched - leaves if calm & looked else watched
+
+    return observe_limit
+
+
 @njit(**INNER)
 def observe_nothing(problem, w):
     """Let no step end at a zero of the limit."""
@@ -283,19 +362,25 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
     if rimmed:
         rolling = Mode(ROLLING, limit_at_rim, end_at_rim, margin_at_rim)
     further = ()
+    if model.lifts:
+        rolling = Mode(ROLLING, limit_of_force, end_off_plane, margin_of_force)
     if model.slide is not None:
         rolling = slides.ROLLING_MODE
         further = (slides.SLIDING_MODE,)
     modes = (rolling, *further)
     if model.pivot is not None:
         pivoting = pivots.pivoting_modes(rolling)
+        further = tuple(pivots.sliding_and_pivoting(mode) for mode in further)
         modes = (*pivoting, *further)
     margin = rolling.margin
     observed = [mode.observe_limit for mode in modes]
     has_limit = margin is not None or model.pivot is not None
-    if margin is not None:
+    if model.lifts and model.slide is None and not rimmed:
+        observed.insert(0, observe_force(margin, stays_on_plane(model)))
+    elif margin is not None:
         is_calm = never_calm
-        if rolling.is_calm and not rimmed:
+        # Of a plane that shakes the oscillation does not bound the force.
+        if rolling.is_calm and not rimmed and not model.lifts:
             is_calm = rolling.is_calm
         observed.insert(0, observe_margin(margin, is_calm))
     elif has_limit:
@@ -305,7 +390,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
         margin=margin or no_margin,
         observe_limit=in_turn(observed),
         look=look_at_limit if has_limit else nothing,
-        gives_way=never_gives_way,
+        gives_way=of_mode(modes, "gives_way"),
         plan=roll_on,
         decide=keep,
         change=of_mode(modes, "change"),
@@ -313,6 +398,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
         launch=nothing,
         settle=settle,
         free=nothing,
+        slow=nothing,
         advance=nothing,
         left=below_rim if rimmed else no_rim,
         energy=energy,
@@ -339,7 +425,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
             prepare=pivots.preparing(combined.prepare),
             settle=pivots.settle,
             free=pivots.free,
-            gives_way=pivots.gives_way,
+            slow=pivots.slow,
             launch=pivots.launching(combined.launch),
             advance=in_turn([combined.advance, pivots.advance]),
             observe=pivots.observing(combined.observe),

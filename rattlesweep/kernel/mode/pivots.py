@@ -12,7 +12,8 @@ from which it does.
 
 # mypy: ignore-errors
 from collections.abc import Callable
-from math import nan
+from dataclasses import replace
+from math import copysign, nan
 from typing import Any
 
 from numba import njit
@@ -34,9 +35,16 @@ from rattlesweep.kernel.look.inside import (
     may_dip,
     middle,
 )
-from rattlesweep.kernel.state.fields import DIFFERENCE, HELD, PIVOTING, Point
+from rattlesweep.kernel.state.fields import (
+    DIFFERENCE,
+    HELD,
+    PIVOTING,
+    SLIDING,
+    Point,
+)
 from rattlesweep.kernel.state.lane import Mode, lane_of
 from rattlesweep.kernel.state.statuses import AT_LIMIT, OK
+from rattlesweep.kernel.step.sliding_motion import patch_rates
 from rattlesweep.physics.full import FASTMATH, TINY, scalar
 from rattlesweep.physics.pivoting import LEAST_CREEP, least_creep, spin_of_share
 
@@ -52,6 +60,9 @@ PASSED = 1e-13
 # Smallest spin, over the lever, with which a slide begins: below it the decay of the
 # spin is too stiff.
 SMALLEST_SPIN = 1e-7
+# By what share of itself a spin that follows the speed to rest may miss it in the last
+# step.
+FOLLOWING = 0.1
 # Rounding errors of the spin, as a share of its scale.
 LEAST_SPIN = 1e-14
 
@@ -98,8 +109,8 @@ def lever_of(lane):
 @scalar
 def margins(lane, y):
     """Return what the torque that holds the spin lacks of its two limits."""
-    torque, normal = lane.problem.model.pivot(y, lane.constants)
-    most = lever_of(lane) * (normal + PASSED)
+    torque, held, _ = lane.problem.model.pivot(y, lane.constants)
+    most = lever_of(lane) * (held + PASSED)
     return most + torque, most - torque
 
 
@@ -143,8 +154,8 @@ def distance_from_zero(lane):
 def sense_from_zero(lane, y):
     """Return the sense with which a spin leaves zero, 0 if the plane holds it."""
     set_sense(lane, 0.0)
-    torque, normal = lane.problem.model.pivot(y, lane.constants)
-    if abs(torque) <= lever_of(lane) * normal:
+    torque, held, _ = lane.problem.model.pivot(y, lane.constants)
+    if abs(torque) <= lever_of(lane) * held:
         return 0.0
     return -1.0 if torque > 0.0 else 1.0
 
@@ -186,24 +197,64 @@ def free(lane):
     least = least_creep(turning, lever)
     if sense == 0.0:
         least = LEAST_CREEP
-        torque, normal = model.pivot(lane.y1, lane.constants)
+        torque, _, normal = model.pivot(lane.y1, lane.constants)
         share = -torque / (lever * normal + TINY)
         turning = spin_of_share(share, lever + TINY, least)
-    at = model.slide.place(lane.y1, lane.slip1, 0.0, lane.constants)
-    lane.y1 = model.slide.turned(lane.y1, at.u, turning - spin)
+    turn_end(lane, turning - spin)
+    lane.n1 = turning
     lane.constants = lane.constants[:-1] + (least,)  # noqa: RUF005
 
 
+@njit(fastmath=FASTMATH, **INNER)
+def turn_end(lane, rate):
+    """Change the spin at the end of the step."""
+    slide = lane.problem.model.slide
+    at = slide.place(lane.y1, lane.slip1, 0.0, lane.constants)
+    lane.y1 = slide.turned(lane.y1, at.u, rate)
+
+
+@njit(fastmath=FASTMATH, **KEPT_APART)
+def slow(lane):
+    """Let a spin that follows the speed do so in a step to the end of a slide.
+
+    The torque of the patch depends on their ratio, and may settle it so fast that both
+    reach zero together.  The steps at the end of a slide say nothing of that.
+    """
+    apart()
+    model = lane.problem.model
+    before = lane.slip.speed
+    after = lane.slip1.speed
+    if not after < before:
+        return
+    n = model.spin(lane.y)
+    kept = n * (after / before)
+    end = model.spin(lane.y1)
+    if abs(end - kept) > FOLLOWING * abs(n):
+        constants = lane.constants + (lane.mu,)  # noqa: RUF005
+        numbers = patch_rates(model, lane.y, lane.slip, constants)
+        settling = numbers[-2] - numbers[-3] * numbers[-1]
+        if settling * lane.h * before > after - before:
+            return
+    turn_end(lane, kept - end)
+    # It is on its side, even where it is zero.
+    lane.n1 = copysign(max(abs(kept), TINY), n)
+
+
 @njit(**INNER)
-def settle(lane, y, t):
+def settle(lane, y, n, t):
     """Let the torque act from the state ``y`` on, in which the body rolls."""
-    n = lane.problem.model.spin(y)
+    has_slid = lane.mode == SLIDING
     sense = 1.0 if n > 0.0 else -1.0
-    if n == 0.0:
+    rests = abs(n) <= TINY
+    if rests:
         sense = sense_from_zero(lane, y)
     set_sense(lane, sense)
+    lane.slack = 0.0
     if sense == 0.0:
         hold_spin(lane, y, t)
+    elif rests and has_slid:
+        give_slack(lane, y)
+        lane.left_zero = lane.steps + 1.0
 
 
 @njit(fastmath=FASTMATH, **KEPT_APART)
@@ -211,7 +262,7 @@ def leave_zero(lane, t):
     """Let the spin go on from zero at the end of the step; return its sense."""
     apart()
     if lane.mode == HELD:
-        torque, _ = lane.problem.model.pivot(lane.y1, lane.constants)
+        torque, _, _ = lane.problem.model.pivot(lane.y1, lane.constants)
         sense = -1.0 if torque > 0.0 else 1.0
         release(lane, t)
     else:
@@ -228,6 +279,16 @@ def leave_zero(lane, t):
     return sense
 
 
+@njit(**INNER)
+def any_held(problem, w):
+    """Return whether the spin of a lane is held."""
+    held = 0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        held += 1 if lane.mode == HELD else 0
+    return held > 0
+
+
 @njit(fastmath=FASTMATH, **INNER)
 def observe_held(problem, w):
     """Look at the torque in the step tried on every lane that is held.
@@ -236,11 +297,7 @@ def observe_held(problem, w):
     the end.  A step too long for this look is searched.
     """
     widest_vectors()
-    held = 0
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        held += 1 if lane.mode == HELD else 0
-    if held == 0:
+    if not any_held(problem, w):
         return
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
@@ -280,22 +337,10 @@ def may_give_way(lane):
     return falls(start, half_above, end, angle)
 
 
-@scalar
-def gives_way(lane):
-    """Return what :func:`may_give_way` does for a spin that is held, else no."""
-    if lane.mode == HELD:
-        return may_give_way(lane)
-    return False
-
-
 @njit(**INNER)
 def advance(problem, w):
     """Let what the torque lacks at the end of a step be that at the next start."""
-    held = 0
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        held += 1 if lane.mode == HELD else 0
-    if held == 0:
+    if not any_held(problem, w):
         return
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
@@ -333,7 +378,7 @@ def preparing(base_prepare: Callable[..., None]) -> Callable[..., None]:
         lane.left_zero = -1.0
         lane.pulled = 0.0
         lane.rate_max = rate
-        settle(lane, lane.y, 0.0)
+        settle(lane, lane.y, lane.problem.model.spin(lane.y), 0.0)
 
     return prepare
 
@@ -347,6 +392,8 @@ def launching(base_launch: Callable[..., None]) -> Callable[..., None]:
             # A tap leaves zero here, and may be back within the first step.
             give_slack(lane, lane.y)
         base_launch(lane)
+        if lane.mode == SLIDING:
+            lane.n0 = lane.n1
 
     return launch
 
@@ -358,10 +405,53 @@ def observing(base_observe: Callable[..., Any]) -> Callable[..., Any]:
     def observe(model, y, slip, constants, mu):
         energy, normal, tangential, torque = base_observe(model, y, slip, constants, mu)
         if slip.speed == 0.0:
-            torque, _ = model.pivot(y, constants)
+            torque, _, _ = model.pivot(y, constants)
         return energy, normal, tangential, torque
 
     return observe
+
+
+@njit(**INNER)
+def side_after(lane):
+    """Return on which side of zero the spin goes on from the end of the step."""
+    if lane.mode != SLIDING:
+        return lane.constants[-1]
+    return 1.0 if lane.n1 > 0.0 else -1.0
+
+
+@njit(**INNER)
+def gone_over(lane, t, status, move, recording):
+    """Return status and move of a lane whose spin goes on in another way.
+
+    A spin that returns to its side has not reversed.
+    """
+    side = side_after(lane)
+    if status != OK or side * lane.sign >= 0.0 or lane.arm > 0.0:
+        return status, move
+    if not runs.goes_on(lane.problem, recording):
+        return OK, REVERSED
+    lane.sign = side
+    runs.note_zero(lane, t, recording.reversals)
+    return status, move
+
+
+def sliding_and_pivoting(sliding: Mode) -> Mode:
+    """Return the mode of a body that slides with the torque, from that without it."""
+    change_sliding = sliding.change
+
+    @njit(**KEPT_APART)
+    def change(lane, status, move, recording):
+        apart()
+        t = lane.t + (lane.h - lane.t_low)
+        ends = status == OK and lane.slip1.speed == 0.0
+        status, move = change_sliding(lane, status, move, recording)
+        if not ends:
+            return status, move
+        if lane.mode == PIVOTING and lane.left_zero > lane.steps:
+            lane.limit1 = at_zero(lane.limit1)
+        return gone_over(lane, t, status, move, recording)
+
+    return replace(sliding, change=change)
 
 
 def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
@@ -393,24 +483,21 @@ def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
         apart()
         t = lane.t + (lane.h - lane.t_low)
         is_at_zero = False
+        mode = lane.mode
         if status == AT_LIMIT:
             other = rolling_limit(lane, lane.h, lane.y1, lane.f1)
             is_at_zero = distance_from_zero(lane) <= other.value
         if not is_at_zero:
-            return slide(lane, t, status, move, recording)
-        sense = leave_zero(lane, t)
+            status, move = slide(lane, t, status, move, recording)
+            if lane.mode != mode:
+                return gone_over(lane, t, status, move, recording)
+            return status, move
+        leave_zero(lane, t)
         status = OK
         if lane.limit1.value <= 0.0:
             # The force has jumped with the torque, beyond what friction can give.
             status, move = slide(lane, t, AT_LIMIT, move, recording)
-        # A spin that returns to its side has not reversed.
-        if sense * lane.sign >= 0.0 or lane.arm > 0.0:
-            return status, move
-        if not runs.goes_on(lane.problem, recording):
-            return OK, REVERSED
-        lane.sign = sense
-        runs.note_zero(lane, t, recording.reversals)
-        return status, move
+        return gone_over(lane, t, status, move, recording)
 
     return (
         Mode(PIVOTING, limit, change, rolling.margin, observe_limit=note_pull),
@@ -419,6 +506,7 @@ def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
             limit_held,
             change,
             observe_limit=observe_held,
+            gives_way=may_give_way,
             results=RESULTS,
             store=store,
         ),

@@ -8,11 +8,12 @@ lanes, and everything that is observed at steps is observed as before.  It rolls
 once the speed is zero and friction can hold the contact point, and otherwise slides on.
 
 The angle of sliding is stiff near the begin and the end of a slide (`physics.sliding`),
-and nothing else is.  So a step of a Radau IIA method solves its equations for the
-angle by Newton's method, which needs one derivative a stage, and for the rest by
-iteration, on several lanes at once (`step.radau`).  Near the end of a slide steps
-become shorter with the speed, since the equations have no sense beyond its zero.  The
-last one is of second order, in which the speed falls to zero.
+and nothing else is, unless the patch pivots: then spin and speed are, through its
+torque.  So a step of a Radau IIA method solves its equations for the angle, and for
+this torque, by Newton's method, which needs one derivative a stage of each, and for
+the rest by iteration, on several lanes at once (`step.radau`).  Near the end of a slide
+steps become shorter with the speed, since the equations have no sense beyond its zero.
+The last one is of second order, in which the speed falls to zero.
 """
 
 # mypy: ignore-errors
@@ -205,7 +206,7 @@ def begin(lane, t):
 def end(lane, t):
     """End a slide at the end of the step, at time ``t``, or let it go on."""
     y = lane.y1
-    lane.problem.modes.settle(lane, y, t)
+    lane.problem.modes.settle(lane, y, lane.n1, t)
     f = lane.problem.model.rhs(y, lane.constants)
     if hold_margin(lane, y, f) <= 0.0:
         # It slides on in another direction, in which the force is another, too.
@@ -272,6 +273,7 @@ def launch(lane):
     lane.f1 = lane.f
     lane.refused = begin(lane, 0.0)
     lane.slip = lane.slip1
+    lane.y = lane.y1
     lane.f = lane.f1
     lane.rate0 = lane.rate1
     lane.h = min(lane.h, lane.h_next)

@@ -182,6 +182,7 @@ class Fields:
     # Energy and contact.
     rim: Number  # height of the rim
     energy0: Number  # at launch
+    energy_most: Number  # largest at launch and at the ends of windows
     drift_max: Number
     dead: Number  # fraction of the energy below which a body is dead
     ratio_max: Number
@@ -232,6 +233,23 @@ class Fields:
     reversals: Number  # changes of side
     n_after: Number  # largest modulus of the spin since the last one
     n_peak: Number  # largest modulus found within the step
+
+    # The last quarter of the run (late.py).
+    late_spin: Number  # spin at its begin, or at the end of the first step in it
+    late_sum: Number  # integral of the spin less that
+    late_square: Number  # integral of its square
+    # The Casimir invariant (casimir.py).
+    casimir_low: Number  # its range so far
+    casimir_high: Number
+    casimir_seen: Number  # number of its values so far
+    casimir_time: Number  # time and integrals of both energies in the present period
+    casimir_pitch: Number
+    casimir_roll: Number
+    casimir_sum: Number  # sum and number of the values since the last reversal
+    casimir_count: Number
+    casimir_next: Number  # the same since a zero that may be a reversal
+    casimir_nexts: Number
+    casimir_turns: Number  # reversals until now whose means are stored
 
     # Phase volume and tangents.
     volume: Number  # logarithm
@@ -323,6 +341,10 @@ class Layout:
         """Return the number of rows of the workspace for a method."""
         vectors = 1 + model.n_tangents
         stages = (tableau.stages - 1) * vectors * model.n_state
+        if model.stiffness is not None:
+            # States and derivatives, rates of positions, and how stiff they are
+            # (`step.implicit`).
+            stages = STAGES * (2 * model.n_state + 3) + 10
         return self.stages + stages + model.n_carried * (tableau.stages + 1)
 
 

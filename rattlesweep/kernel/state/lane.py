@@ -40,6 +40,13 @@ if TYPE_CHECKING:
     from numba.core.typing.templates import Signature
 from rattlesweep.compiling.intrinsics import DOUBLE, intrinsic
 from rattlesweep.kernel.state.fields import LANES, Fields, Layout, Point
+from rattlesweep.physics.full import scalar
+
+
+@scalar
+def never(lane):
+    """Return no."""
+    return False
 
 
 @dataclass(frozen=True)
@@ -61,6 +68,9 @@ class Mode:
     # observe_limit(problem, w): compute the limit for the lanes that move so, where
     # that of most lanes is another
     observe_limit: Callable[..., None] | None = None
+    # gives_way(lane): whether the plane may let a spin go that it holds in the step
+    # tried, from a closer look
+    gives_way: Callable[..., bool] = never
     # Fields that it adds to the results of a run, with their types, and
     # store(lane, t, result), which writes them at the end of the run, the time t.
     results: tuple[tuple[str, type], ...] = ()
@@ -78,9 +88,7 @@ class ModeSet:
     observe_limit: Callable[..., None]
     # look(lane): compute the limit at the ends of a step tried that is to be searched
     look: Callable[..., None]
-    # gives_way(lane): whether the plane may let a spin go that it holds in the step
-    # tried, from a closer look
-    gives_way: Callable[..., bool]
+    gives_way: Callable[..., bool]  # as in `Mode`
     # plan(problem, w): return whether lanes that roll try a step in this turn, and
     # whether there are lanes that slide
     plan: Callable[..., tuple[bool, bool]]
@@ -92,10 +100,13 @@ class ModeSet:
     prepare: Callable[..., None]
     # launch(lane): go over to the mode of the launch, once the run is started
     launch: Callable[..., None]
-    # settle(lane, y, t): go over to the mode of a body that rolls in the state y
+    # settle(lane, y, n, t): go over to the mode of a body that rolls in the state y,
+    # with the spin n, which is at most `TINY` where that of y is a rounding error
     settle: Callable[..., None]
     # free(lane): let a body at rest begin to slide at the end of the step
     free: Callable[..., None]
+    # slow(lane): after a step to the end of a slide, or towards it, correct the spin
+    slow: Callable[..., None]
     # advance(problem, w): move what modes add to the state to the end of the step
     advance: Callable[..., None]
     # left(lane, y): height from the contact up to the rim; 1 without a rim

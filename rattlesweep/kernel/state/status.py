@@ -33,7 +33,7 @@ class Status(IntEnum):
     )
     STOPPED = 7, "stopped", "interrupted before the run began or ended; never stored"
     LIMIT = 8, "limit", "the model holds no further; never stored"
-    LIFTS_OFF = 9, "lifts_off", "the body leaves the plane while it slides"
+    LIFTS_OFF = 9, "lifts_off", "the body leaves the plane"
     JAMMED = (
         10,
         "jammed",

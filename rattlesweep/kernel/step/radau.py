@@ -29,19 +29,23 @@ from rattlesweep.motion.model import Model
 from rattlesweep.physics.full import FASTMATH, TINY
 
 METHOD = radau(STAGES)
+INVERSE = np.linalg.inv(METHOD.integrals)
 # Lanes in a block, one or two vectors of the processor.
 WIDTH = 1 if config.DISABLE_JIT else 8
 # Of squared changes: they may fall by this less from one iteration to the next.
 DECAY = 9.0
 LARGEST_TURN = 0.5  # of the angle in an iteration
 MAX_ITERATIONS = 25  # iterations of the equations of a step
+# The same where a patch turns: Newton's method knows how its torque turns the direction
+# of sliding, but not how the direction changes the spin.
+MOST_OF_PATCH = 100
 LEAST_GUESS = 1e-3  # of the speed at a stage, as a share of that at the start
 HEAD = '''"""Steps of slides of the model {name}, from kernel.step.radau."""
 
 from rattlesweep.compiling.intrinsics import chosen, moved, widest_vectors
 from rattlesweep.kernel.state.fields import Slip
 from rattlesweep.kernel.state.lane import gather, scatter, sums
-from rattlesweep.kernel.step.sliding_motion import stage_rates
+from rattlesweep.kernel.step.sliding_motion import patch_rates, stage_rates
 '''
 
 
@@ -60,6 +64,7 @@ class Block:
     width: int
     count: int  # numbers in a state with slip
     h: int  # size of the step
+    enough: int  # largest squared change of an iteration
     past: int  # coefficients of the rates of the last step, by degree
     past_h: int  # size of the last step
     offset: int  # share of the last step after which this one starts
@@ -107,6 +112,14 @@ class _Writer:
         self.least = self.take(1, STAGES)  # what must be positive
         self.normal = self.take(1, STAGES)
         self.margin = self.take(1, STAGES)
+        self.turns_patch = model.pivot is not None
+        self.most = MOST_OF_PATCH if self.turns_patch else MAX_ITERATIONS
+        if self.turns_patch:
+            self.response = self.take(self.count, STAGES)
+            self.ratio = self.take(1, STAGES)
+            self.turning = self.take(1, STAGES)
+            self.gain = self.take(1, STAGES)
+            self.lag = self.take(1, STAGES)
         self.constants = self.take(self.n_constants, STAGES)
         self.busy = self.take(1, STAGES)
         self.start = self.take(self.count)
@@ -215,6 +228,8 @@ class _Writer:
         """Write an iteration: all rates, then the angles, then everything else."""
         self.define("iterate")
         self.evaluate()
+        if self.turns_patch:
+            self.respond()
         self.solve()
         for i in range(STAGES):
             self.update(i)
@@ -232,7 +247,7 @@ class _Writer:
             "state = 1.0 if left > enough else 0.0",
             "spent += 1.0",
             "possible = (least > 0.0) & (change < 1e300)",
-            f"possible &= (state == 0.0) | (spent < {float(MAX_ITERATIONS)})",
+            f"possible &= (state == 0.0) | (spent < {float(self.most)})",
             "state = state if possible else -1.0",
             "now = state if was > 0.0 else was",
             self.write(f"({'now, ' * STAGES})", span(self.busy, STAGES)),
@@ -251,8 +266,11 @@ class _Writer:
         def wide(first: int, numbers: int) -> list[int]:
             return [first // STAGES + c for c in range(numbers)]
 
-        # Rates, stiffness, least, normal and margin follow each other.
-        results = wide(self.rates, count + 4)
+        # Rates, stiffness, least, normal and margin follow each other, and then what
+        # `patch_rates` adds.
+        rates = "patch_rates" if self.turns_patch else "stage_rates"
+        further = count + 3 if self.turns_patch else 0
+        results = wide(self.rates, count + 4 + further)
         read = self.read(
             wide(self.values, count),
             wide(self.constants, self.n_constants),
@@ -263,20 +281,78 @@ class _Writer:
         self.loop(
             f"q = {read}",
             f"slip = Slip(q[{n}], q[{n + 1}], q[{n + 2}])",
-            f"f = stage_rates(problem.model, q[:{n}], slip, q[{count}:{end}])",
+            f"f = {rates}(problem.model, q[:{n}], slip, q[{count}:{end}])",
             f"f = chosen(q[{end}] > 0.0, f, q[{end + 1}:])",
             self.write("f", results, width=width),
             width=width,
         )
 
-    def solve(self) -> None:
-        """Write the elimination that solves the equations for the angles.
+    def respond(self) -> None:
+        """Write the correction of all rates by the torque of a patch that turns.
 
-        They are those of the inverse of the method's matrix.  No pivot is searched:
-        this matrix with any positive numbers added to its diagonal has large ones.
+        This torque depends on the ratio of spin and speed, so near the begin of a slide
+        from a rest of the spin, and near its end, the spin is stiff.  Its equations are
+        solved by Newton's method, as those of the angle are, and the rates become what
+        they are at the spins found.
         """
+        count = self.count
+        speed = self.n + SLIP_SPEED
+        for i in range(STAGES):
+            read = self.read(
+                self.integrated(i),
+                self.at(i, self.values, count),
+                [self.ratio + i],
+            )
+            self.loop(
+                f"q = {read}",
+                f"y = q[:{count}]",
+                f"before = q[{count}:{2 * count}]",
+                "spin = problem.model.spin",
+                f"turning = spin(y[:{self.n}]) - spin(before[:{self.n}])",
+                f"gain = y[{speed}] - before[{speed}]",
+                self.write(f"(turning - q[{2 * count}] * gain,)", [self.lag + i]),
+            )
+        stages = range(STAGES)
+        read = self.read(
+            [self.h],
+            span(self.lag, STAGES),
+            span(self.ratio, STAGES),
+            span(self.turning, STAGES),
+            span(self.gain, STAGES),
+        )
+        body = [f"q = {read}", "h = q[0]"]
+        body += [f"t{i} = q[{1 + i}]" for i in stages]
+        body += [f"ratio{i} = q[{1 + STAGES + i}]" for i in stages]
+        body += [f"turning{i} = q[{1 + 2 * STAGES + i}]" for i in stages]
+        body += [f"gain{i} = q[{1 + 3 * STAGES + i}]" for i in stages]
+        matrix = []
+        for i in stages:
+            settling = [f"(turning{j} - ratio{i} * gain{j})" for j in stages]
+            row = [f"-h * {METHOD.integrals[i, j]} * {settling[j]}" for j in stages]
+            row[i] = f"1.0 {row[i].replace('-', '- ', 1)}"
+            matrix.append(row)
+        body += eliminated(matrix)
+        found = ", ".join(f"t{k}" for k in stages)
+        self.loop(*body, self.write(f"({found})", span(self.lag, STAGES)))
+        wide = [self.rates // STAGES + c for c in range(count)]
+        read = self.read(
+            wide,
+            [self.response // STAGES + c for c in range(count)],
+            [self.lag // STAGES, self.busy // STAGES],
+            width=STAGES * WIDTH,
+        )
+        self.loop(
+            f"q = {read}",
+            f"f = q[:{count}]",
+            f"changed = moved(f, q[{count}:{2 * count}], q[{2 * count}])",
+            f"f = chosen(q[{2 * count + 1}] > 0.0, changed, f)",
+            self.write("f", wide, width=STAGES * WIDTH),
+            width=STAGES * WIDTH,
+        )
+
+    def solve(self) -> None:
+        """Write the elimination that solves the equations for the angles."""
         angle = self.n + SLIP_ANGLE
-        inverse = np.linalg.inv(METHOD.integrals)
         stages = range(STAGES)
         read = self.read(
             [self.start + angle, self.h],
@@ -286,28 +362,25 @@ class _Writer:
         )
         body = [f"q = {read}", "start, h = q[:2]"]
         for i in stages:
-            lacking = (f"{inverse[i, j]} * (start - q[{2 + j}])" for j in stages)
+            lacking = (f"{INVERSE[i, j]} * (start - q[{2 + j}])" for j in stages)
             body.append(f"t{i} = h * q[{2 + STAGES + i}] + {' + '.join(lacking)}")
-            body += [f"m{i}{j} = {inverse[i, j]}" for j in stages]
-            body.append(f"m{i}{i} -= h * q[{2 + 2 * STAGES + i}]")
-        for k in stages:
-            body.append(f"m{k}{k} = 1.0 / m{k}{k}")
-            for i in range(k + 1, STAGES):
-                body.append(f"s = m{i}{k} * m{k}{k}")
-                body += [f"m{i}{j} -= s * m{k}{j}" for j in range(k + 1, STAGES)]
-                body.append(f"t{i} -= s * t{k}")
-        for k in reversed(stages):
-            body += [f"t{k} -= m{k}{j} * t{j}" for j in range(k + 1, STAGES)]
-            body.append(f"t{k} *= m{k}{k}")
+        matrix = [[str(INVERSE[i, j]) for j in stages] for i in stages]
+        for i in stages:
+            matrix[i][i] += f" - h * q[{2 + 2 * STAGES + i}]"
+        body += eliminated(matrix)
         bound = (f"min({LARGEST_TURN}, max(-{LARGEST_TURN}, t{k}))" for k in stages)
         self.loop(*body, self.write(f"({', '.join(bound)})", span(self.turns, STAGES)))
+
+    def integrated(self, i: int) -> str:
+        """Return the source of the sums that are the new values at a stage."""
+        terms = {self.rates + j: float(METHOD.integrals[i, j]) for j in range(STAGES)}
+        return f"sums({self.count}, {terms}, {self.start}, {self.h}, 1.0, {STAGES})"
 
     def update(self, i: int) -> None:
         """Write the new values at a stage, and the squared change of velocities."""
         count = self.count
-        terms = {self.rates + j: float(METHOD.integrals[i, j]) for j in range(STAGES)}
         read = self.read(
-            f"sums({count}, {terms}, {self.start}, {self.h}, 1.0, {STAGES})",
+            self.integrated(i),
             self.at(i, self.values, count),
             [self.turns + i, self.busy, self.change],
         )
@@ -345,6 +418,27 @@ class _Writer:
                 self.lines.append(f"    return rates[{a}:{b}]")
 
 
+def eliminated(matrix: list[list[str]]) -> list[str]:
+    """Return the source that solves equations of all stages for ``t0, t1, ...``.
+
+    These are their right sides before.  No pivot is searched: the inverse of the
+    method's matrix with any positive numbers added to its diagonal has large ones, and
+    so has the sum of one and this matrix with its columns times any positive numbers.
+    """
+    stages = range(STAGES)
+    body = [f"m{i}{j} = {matrix[i][j]}" for i in stages for j in stages]
+    for k in stages:
+        body.append(f"m{k}{k} = 1.0 / m{k}{k}")
+        for i in range(k + 1, STAGES):
+            body.append(f"s = m{i}{k} * m{k}{k}")
+            body += [f"m{i}{j} -= s * m{k}{j}" for j in range(k + 1, STAGES)]
+            body.append(f"t{i} -= s * t{k}")
+    for k in reversed(stages):
+        body += [f"t{k} -= m{k}{j} * t{j}" for j in range(k + 1, STAGES)]
+        body.append(f"t{k} *= m{k}{k}")
+    return body
+
+
 def nested(function: str, values: list[str]) -> str:
     """Return the source of a function of two values applied to all of some."""
     *rest, last = values
@@ -379,6 +473,7 @@ def block_of(model: Model) -> Block:
         width=WIDTH,
         count=count,
         h=writer.h,
+        enough=writer.enough,
         past=writer.past[0],
         past_h=writer.past_h,
         offset=writer.offset,

@@ -2,7 +2,7 @@
 
 # mypy: ignore-errors
 
-from math import sqrt
+from math import pi, sqrt
 
 import numpy as np
 from numba import njit
@@ -69,9 +69,12 @@ BEGINNING = 1e-290  # speed at the begin of a slide
 # power of the step's width, as found for all places of the kink in a step.
 KINK = 1e-3
 MOST_WIDTH = 6.0
+# Least slip of a patch whose spin follows the speed where a slide begins.
+LEAST_RATIO = 1e-4
 # Errors of other steps are mostly far below the tolerance; so much smaller must be that
 # of the spin, for errors to be proportional to the tolerance.
 SPIN_WEIGHT = 300.0
+SPIN_ROUNDING = 1e-14
 # From the start of the last step, in its size: how far its rates say what follows.
 MOST_AHEAD = 2.5
 
@@ -100,7 +103,7 @@ def load_column(lane, z, column, scale):
     # Near rest the direction follows from a speed that may be below the tolerance.
     most = size / scale
     if not begins:
-        most = min(most, slip.speed * slip.speed)
+        most = min(most, squared_speed(lane, slip.speed))
     enough = max(SOLVED * SOLVED * most, squared_rounding(lane))
     # All tries from one start are guessed alike, so that a repeated one has its bits.
     if lane.held == 0.0 and lane.search == STEP:
@@ -109,7 +112,11 @@ def load_column(lane, z, column, scale):
         lane.past_rise = lane.rise
     numbers = (slip.speed, slip.angle, slip.work)
     settings = (lane.mu, lane.h, enough, lane.past_h, 1.0)
-    whole = lane.y + numbers + lane.constants + settings + lane.past + NEW
+    start = lane.y
+    if lane.problem.model.pivot is not None and begins and begins_held(lane):
+        # Its spin only tells the torque of the start, where spin and speed are zero.
+        start = with_spin(lane, start, 0.0)
+    whole = start + numbers + lane.constants + settings + lane.past + NEW
     lane.problem.block.load(z, column, whole)
     if begins or lane.past_h == 0.0:
         now = motion_of(lane, lane.y, slip)
@@ -120,6 +127,19 @@ def load_column(lane, z, column, scale):
         for c in range(lane.problem.block.count):
             keep_rate(lane, z, column, c, rates[c])
         go_straight(lane, z, column)
+
+
+@njit(**INNER)
+def squared_speed(lane, speed):
+    """Return the square of a speed, or of the spin that a patch has with it if smaller.
+
+    The torque of a patch follows from the ratio of spin and speed.
+    """
+    if lane.problem.model.pivot is None:
+        return speed * speed
+    radius = (16.0 / (3.0 * pi)) * lane.constants[-2] / lane.mu
+    spin = speed / max(1.0, radius)
+    return spin * spin
 
 
 @njit(**INNER)
@@ -194,10 +214,14 @@ def guess_beginning(lane, z, column):
     The direction follows the force, and the speed is the integral of its rate.
     """
     block = lane.problem.block
+    model = lane.problem.model
     angle = lane.slip.angle
     n = len(lane.y)
     for i in range(STAGES):
         state = moved(lane.y, lane.f, lane.h * POINTS[i])
+        if model.pivot is not None:
+            # The torque is that of the start.
+            state = with_spin(lane, state, model.spin(lane.y))
         contact, _, _ = contact_at_slip(lane, state, lane.slip)
         angle, _ = settled_direction(contact, lane.mu, angle)
         _, _, along, _, _ = push(contact, lane.mu, angle)
@@ -211,6 +235,33 @@ def guess_beginning(lane, z, column):
             speed += lane.h * INTEGRALS[i, j] * growth
         row = block.values + (n + SLIP_SPEED) * STAGES + i
         z[row * block.width + column] = speed
+        if model.pivot is not None and begins_held(lane):
+            # The ratio of spin and speed is that of the start.
+            state = moved(lane.y, lane.f, lane.h * POINTS[i])
+            ratio = model.spin(lane.y) * lane.mu / lane.constants[-1]
+            state = with_spin(lane, state, ratio * speed)
+            for c in range(n):
+                row = block.values + c * STAGES + i
+                z[row * block.width + column] = state[c]
+            if i == 0:
+                place = block.enough * block.width + column
+                most = SOLVED * SOLVED * squared_speed(lane, speed)
+                z[place] = max(min(z[place], most), squared_rounding(lane))
+
+
+@njit(**INNER)
+def with_spin(lane, y, n):
+    """Return a state with another spin."""
+    model = lane.problem.model
+    at = model.slide.place(y, lane.slip, 0.0, lane.constants)
+    return model.slide.turned(y, at.u, n - model.spin(y))
+
+
+@njit(**INNER)
+def begins_held(lane):
+    """Return whether a slide begins at a rest of the spin, which follows the speed."""
+    n = lane.problem.model.spin(lane.y)
+    return slip_of_patch(n, lane.constants[-2], lane.constants[-1]) > LEAST_RATIO
 
 
 @njit(**INNER)
@@ -271,6 +322,14 @@ def stretch(lane):
 
 
 @njit(fastmath=FASTMATH, **INNER)
+def smooth_creep(lane, speed):
+    """Return the creep on which the torque of the patch depends."""
+    creep = lane.mu * speed
+    least = lane.constants[-1]
+    return sqrt(creep * creep + least * least)
+
+
+@njit(fastmath=FASTMATH, **INNER)
 def squared_error_of_spin(lane, z, column, rates):
     """Return the square of the error of the spin in a step of size 1.
 
@@ -286,11 +345,21 @@ def squared_error_of_spin(lane, z, column, rates):
     fall = fifth / (fourth + TINY)
     fall = min(1.0, max(fifth / (third + TINY), fall * fall))
     error = fifth * fall * fall
+    if error * lane.h * lane.h < SPIN_ROUNDING * SPIN_ROUNDING:
+        # The weight is not for rounding errors.
+        error = 0.0
     lever = lane.constants[-2]
-    before = slip_of_patch(model.spin(lane.y), lever, lane.mu * lane.slip.speed)
-    after = slip_of_patch(model.spin(lane.y1), lever, lane.mu * lane.slip1.speed)
-    if (before < 1.0) != (after < 1.0):
-        width = min(MOST_WIDTH, abs(after - before))
+    n0 = model.spin(lane.y)
+    n1 = model.spin(lane.y1)
+    before = slip_of_patch(n0, lever, smooth_creep(lane, lane.slip.speed))
+    after = slip_of_patch(n1, lever, smooth_creep(lane, lane.slip1.speed))
+    crosses = (n0 > 0.0) != (n1 > 0.0)
+    if (before < 1.0) != (after < 1.0) or (crosses and before < 1.0):
+        # The other ratio, spin over speed, is finite where the spin crosses zero.
+        width = 1.0 / (after + TINY) + 1.0 / (before + TINY)
+        if not crosses:
+            width = min(abs(after - before), abs(1.0 / after - 1.0 / before))
+        width = min(MOST_WIDTH, width)
         normal = block.forces(z, column)[STAGES - 1]
         torque = KINK * width * width * sqrt(width) * lever * normal
         error += (torque / lane.constants[2]) ** 2

@@ -187,3 +187,4 @@ def observe_ends(lane, contact_recorded):
     limit_half = halfway(lane.limit0, lane.limit1)
     lift_half = halfway(lane.lift0, lane.lift1)
     observe(lane, contact_recorded, limit_half, lift_half)
+    lane.problem.modes.slow(lane)

@@ -1,0 +1,302 @@
+"""The step of bodies that slip: implicit in the friction.
+
+The friction lets the velocity of the contact point decay at a rate ``k`` that may be a
+million times that of the oscillation.  The step is that of the Radau IIA method of
+`step.radau`, of order 9.  :data:`SWEEPS` sweeps over its stages solve its equations:
+
+1. The derivatives at all stages follow from the states there.
+2. The velocities follow from the derivatives.  They are implicit in the friction
+   (`physics.slip.stiffness`): as this is linear, two slips at right angles to each
+   other obey five linear equations each.
+3. The positions follow from these velocities.
+
+So a sweep gains two orders, at the pace of the oscillation, whatever ``k`` is.  The
+first one begins with the derivative at the start of the step.
+
+The module's function ``attempt`` does what that of `step.explicit` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from rattlesweep.arrays import Floats
+from rattlesweep.compiling.loading import import_written
+from rattlesweep.kernel.method.collocation import STAGES, radau
+from rattlesweep.kernel.state.fields import LANES, Layout
+from rattlesweep.kernel.step.explicit import SEEN, span
+from rattlesweep.motion.model import Model
+
+_METHOD = radau(STAGES)
+SWEEPS = 8
+# Shares of squared estimates that count as the error.  The coefficients of rates say
+# too much, and the sweeps leave less than the last one changed.  So errors at the
+# default tolerance are about those of bodies that do not slip.
+_SHARE = 0.1
+LEFT = 0.01
+N_STIFFNESS = 10  # numbers of `physics.slip.stiffness`
+_HEAD = '''"""An implicit step for {name}, from step.implicit."""
+
+from rattlesweep.compiling.intrinsics import moved, widest_vectors
+from rattlesweep.kernel.state.lane import gather, lane_of, scatter, sums
+'''
+
+
+def real_blocks(matrix: Floats) -> tuple[Floats, list[tuple[float, float]]]:
+    """Return a basis in which a matrix has blocks, and the eigenvalues of the blocks.
+
+    A block is a real eigenvalue, or ``[[a, b], [-b, a]]`` for a pair ``a +- i b``.
+    """
+    values, vectors = np.linalg.eig(matrix)
+    columns = []
+    blocks = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        if value.imag < 0:
+            continue
+        blocks.append((float(value.real), float(value.imag)))
+        columns.append(vector.real)
+        if value.imag > 0:
+            columns.append(vector.imag)
+    return np.transpose(columns), blocks
+
+
+BASIS, BLOCKS = real_blocks(_METHOD.integrals)
+_INVERSE = np.linalg.inv(BASIS)
+
+
+class _Attempt:
+    """Writes ``attempt(problem, w, scale)``, where ``scale = 1 / tol**2``."""
+
+    def __init__(self, model: Model, lanes: int) -> None:
+        assert model.chart is not None
+        self.model = model
+        self.lanes = lanes
+        self.n = model.n_state
+        # Components: of the position, of omega after it, and of the slip.
+        self.n_place = len(model.chart.place) - 3
+        self.slip = model.components.index("slip_1")
+        at = Layout(model)
+        self.at = at
+        # First rows of the states and the derivatives at the stages, of the rates of
+        # the positions, and of the stiffness.
+        self.states = at.stages
+        self.rates = self.states + STAGES * self.n
+        self.moving = self.rates + STAGES * self.n
+        self.stiffness = self.moving + STAGES * self.n_place
+        self.cells: list[str] = []
+        self.lines = ["def attempt(problem, w, scale):", "    widest_vectors()"]
+        self.begin()
+        self.sweep(4)
+        self.lines.append(f"    for _ in range({SWEEPS - 1}):")
+        self.differentiate()
+        self.sweep(8)
+        self.finish()
+        head = _HEAD.format(name=model.name)
+        self.source = "\n".join([head, *self.cells, "", "", *self.lines, ""])
+
+    def at_stage(self, first: int, stage: int, count: int) -> str:
+        """Return the source of the rows of some numbers of a stage."""
+        return span(first + stage * count, count)
+
+    def summed(self, component: int, stage: int, first: int, count: int) -> str:
+        """Return the source of a component at a stage, summed from rates there."""
+        row = _METHOD.integrals[stage]
+        terms = {first + j * count + component: float(row[j]) for j in range(STAGES)}
+        start = self.at.y + component
+        return f"sums(1, {terms}, {start}, {self.at.h}, 1.0)"
+
+    def begin(self) -> None:
+        """Write the guess of the stages: that all goes on as it starts."""
+        n = self.n
+        rows = [self.at_stage(self.states, i, n) for i in range(STAGES)]
+        rows += [self.at_stage(self.rates, i, n) for i in range(STAGES)]
+        rows.append(span(self.stiffness, N_STIFFNESS))
+        write = self.scatter(rows)
+        states = " + ".join(["lane.y"] * STAGES + ["lane.f"] * STAGES)
+        self.loop(
+            "k1, k2, c, s, a, b = problem.model.stiffness(lane.y, lane.constants)",
+            f"{write}(w, l, {states} + (k1, k2, c, s) + a + b)",
+            indent=4,
+        )
+
+    def differentiate(self) -> None:
+        """Write the derivatives at all stages."""
+        for i in range(STAGES):
+            read = self.gather([self.at_stage(self.states, i, self.n)])
+            write = self.scatter([self.at_stage(self.rates, i, self.n)])
+            self.loop(
+                f"q = {read}(w, l)",
+                f"{write}(w, l, problem.model.rhs(q[:{self.n}], q[{self.n}:]))",
+                indent=8,
+            )
+
+    def sweep(self, indent: int) -> None:
+        """Write what a sweep does with the derivatives."""
+        self.settle(indent)
+        n = self.n
+        places = self.n_place
+        for i in range(STAGES):
+            read = self.gather([self.at_stage(self.states, i, n)])
+            write = self.scatter([self.at_stage(self.moving, i, places)])
+            self.loop(
+                f"q = {read}(w, l)",
+                f"{write}(w, l, problem.model.moving(q[:{n}], q[{n}:]))",
+                indent=indent,
+            )
+        for i in range(STAGES):
+            values = [
+                self.summed(c, i, self.moving, places) for c in range(self.n_place)
+            ]
+            if i < STAGES - 1:
+                read = self.gather(values, constants=False)
+                write = self.scatter([span(self.states + i * n, places)])
+                self.loop(f"{write}(w, l, {read}(w, l))", indent=indent)
+                continue
+            # The end of the step, and how much the sweep changes it.
+            rest = span(self.states + i * n + places, n - places)
+            read = self.gather([*values, rest])
+            write = self.scatter([self.at_stage(self.states, i, n)])
+            self.loop(
+                f"q = {read}(w, l)",
+                f"y = q[:{n}]",
+                "change = moved(y, lane.y1, -1.0)",
+                f"lane.error, _ = problem.model.error(change, y, q[{n}:])",
+                "lane.y1 = y",
+                f"{write}(w, l, y)",
+                indent=indent,
+            )
+
+    def settle(self, indent: int) -> None:
+        """Write the velocities at all stages, and what follows from rates alone."""
+        n = self.n
+        omega = range(self.n_place, self.n_place + 3)
+        slip = range(self.slip, self.slip + 2)
+        others = [c for c in range(self.n_place + 3, n) if c not in slip]
+        values = [span(self.stiffness, N_STIFFNESS), f"[{self.at.h}]"]
+        for i in range(STAGES):
+            values.append(span(self.states + i * n + self.slip, 2))
+            values += [
+                self.summed(c, i, self.rates, n) for c in (*slip, *omega, *others)
+            ]
+        read = self.gather(values, constants=False)
+        size = 2 + 2 + 3 + len(others)
+        body = [
+            f"q = {read}(w, l)",
+            "k1, k2, c, s, a0, a1, a2, b0, b1, b2, h = q[:11]",
+        ]
+        for i in range(STAGES):
+            first = 11 + i * size
+            # What the slip lacks, along the two directions.
+            body += [
+                f"x = q[{first + 2}] - q[{first}]",
+                f"y = q[{first + 3}] - q[{first + 1}]",
+                f"r1{i} = c * x + s * y",
+                f"r2{i} = c * y - s * x",
+            ]
+        body += self.solved("1") + self.solved("2")
+        results = []
+        rows = []
+        for i in range(STAGES):
+            first = 11 + i * size
+            body += [f"g1 = r1{i} - d1{i}", f"g2 = r2{i} - d2{i}"]
+            for j in range(3):
+                turned = f"q[{first + 4 + j}] + (a{j} * g1 + b{j} * g2)"
+                body.append(f"o{i}{j} = {turned}")
+            body += [
+                f"v{i}0 = q[{first}] + (c * d1{i} - s * d2{i})",
+                f"v{i}1 = q[{first + 1}] + (s * d1{i} + c * d2{i})",
+            ]
+            results += [f"o{i}{j}" for j in range(3)] + [f"v{i}0", f"v{i}1"]
+            results += [f"q[{first + 7 + j}]" for j in range(len(others))]
+            rows += [self.states + i * n + c for c in (*omega, *slip, *others)]
+        write = self.scatter([str(rows)])
+        self.loop(*body, f"{write}(w, l, ({', '.join(results)}))", indent=indent)
+
+    def solved(self, name: str) -> list[str]:
+        """Return lines that solve ``(1 + h k A) d = r`` with the method's matrix A."""
+
+        def product(row: Sequence[float], vector: str) -> str:
+            return " + ".join(f"{float(x)!r} * {vector}{j}" for j, x in enumerate(row))
+
+        lines = [f"z = h * k{name}"]
+        lines += [f"u{i} = {product(_INVERSE[i], f'r{name}')}" for i in range(STAGES)]
+        i = 0
+        for real, imaginary in BLOCKS:
+            lines.append(f"p = 1.0 + {real!r} * z")
+            if imaginary == 0.0:
+                lines.append(f"u{i} = u{i} / p")
+                i += 1
+                continue
+            lines += [
+                f"t = {imaginary!r} * z",
+                "inverse = 1.0 / (p * p + t * t)",
+                f"e = (p * u{i} - t * u{i + 1}) * inverse",
+                f"u{i + 1} = (t * u{i} + p * u{i + 1}) * inverse",
+                f"u{i} = e",
+            ]
+            i += 2
+        lines += [f"d{name}{i} = {product(BASIS[i], 'u')}" for i in range(STAGES)]
+        return lines
+
+    def finish(self) -> None:
+        """Write the squared error, and what is seen at the end of the step.
+
+        If the coefficients of the derivative in Legendre's polynomials fall by ``rho``
+        from one degree to the next, the error at the end of a step falls as ``rho^9``;
+        this is ``rho^8``.
+        """
+        n = self.n
+        body = ["y = lane.y1", "h = lane.h"]
+        for name, degree in (("high", STAGES - 1), ("low", STAGES - 3)):
+            weights = _METHOD.spectrum[degree]
+            terms = {self.rates + j * n: float(weights[j]) for j in range(STAGES)}
+            read = self.gather([f"sums({n}, {terms})"])
+            body += [
+                f"q = {read}(w, l)",
+                f"{name}, size = problem.model.error(q[:{n}], y, q[{n}:])",
+            ]
+        body += [
+            "fall = high / (low + 1e-300)",
+            f"error = {_SHARE} * h * h * (high * fall * fall) + {LEFT} * lane.error",
+            "lane.error = scale * error / size",
+            f"f = problem.model.rhs(y, q[{n}:])",
+            "lane.f1 = f",
+            *SEEN,
+        ]
+        self.loop(*body, indent=4)
+
+    def gather(self, values: Sequence[str], *, constants: bool = True) -> str:
+        """Return a reader of values, followed by the constants of the body."""
+        of_body = span(self.at.constants, self.model.n_constants) if constants else "[]"
+        return self.name(
+            "read", f"gather({self.lanes}, {' + '.join(values)}, {of_body})"
+        )
+
+    def scatter(self, rows: Sequence[str]) -> str:
+        """Return a writer to rows."""
+        return self.name("write", f"scatter({self.lanes}, {' + '.join(rows)})")
+
+    def name(self, kind: str, call: str) -> str:
+        """Name the result of a call above the function."""
+        name = f"{kind}_{len(self.cells)}"
+        self.cells.append(f"{name} = {call}")
+        return name
+
+    def loop(self, *body: str, indent: int) -> None:
+        """Write a loop over lanes."""
+        lines = [
+            f"for l in range({self.lanes}):",
+            "    lane = lane_of(problem, w, l)",
+            *("    " + line for line in body),
+        ]
+        self.lines += [" " * indent + line for line in lines]
+
+
+def write_implicit(model: Model, lanes: int = LANES) -> Callable[..., None]:
+    """Write and import the module of a model, and return ``attempt``."""
+    written = import_written(
+        f"implicit_{model.name}_{lanes}", _Attempt(model, lanes).source
+    )
+    return written.attempt  # type: ignore[no-any-return]

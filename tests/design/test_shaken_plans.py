@@ -1,0 +1,195 @@
+"""A plane that shakes in configs, tables and calls: cases, units, columns, messages."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+import sweeping
+
+import rattlesweep as rs
+from rattlesweep.analysis.derived import derived
+from rattlesweep.api.arguments import columns_of_base
+from rattlesweep.physics.driven import driven_spin, growth_of_drive
+from rattlesweep.words.errors import ConfigError
+
+GH = {"source": "preset", "name": "GH"}
+TAP = {"n_i": 0, "omega_xy0": 1e-4}
+STONE = {
+    "source": "shape",
+    "shape": "half_ellipsoid",
+    "length": "12 cm",
+    "width": "3 cm",
+    "height": "12 mm",
+    "mass": "60 g",
+    "skew": "3 deg",
+}
+
+
+def plan(base, bodies=GH, **others):
+    config = {"bodies": bodies, "spin": TAP, "horizon": {"t": 100}, "base": base}
+    if bodies is STONE:
+        config["spin"] = {"n_i": 0, "omega_xy0": "1 rpm"}
+        config["horizon"] = {"t": "5 s"}
+    return sweeping.plan_of(config | others)
+
+
+def losses(base, **others):
+    """Return the constants of the runs of a config."""
+    launches, _ = sweeping.prepared(plan(base, **others))
+    return launches.losses
+
+
+def refusal(base, **others):
+    with pytest.raises(ConfigError) as caught:
+        plan(base, **others)
+    return str(caught.value)
+
+
+def test_lists_are_cases_with_a_column_for_each_constant():
+    base = {"frequency": [2.5, 2.9], "acceleration": [0.02, 0.05, 0.1], "phase_deg": 90}
+    found = plan(base)
+    assert len(found.cases) == 6
+    names = found.schema.names
+    drives = ["base_frequency", "base_acceleration", "base_phase", "base_work"]
+    assert [name for name in names if name.startswith("base_")] == drives
+    runs = losses(base)
+    assert runs["base_frequency"].tolist() == [2.5, 2.5, 2.5, 2.9, 2.9, 2.9]
+    assert runs["base_acceleration"].tolist() == [0.02, 0.05, 0.1] * 2
+    assert runs["base_phase"] == pytest.approx(np.full(6, math.pi / 2))
+    text = sweeping.plan_of(plan(base).config.model_dump(mode="json"))
+    assert text.cases == found.cases
+
+
+def test_an_amplitude_stands_for_an_acceleration():
+    runs = losses({"frequency": [2.0, 3.0], "amplitude": 0.01})
+    assert runs["base_acceleration"] == pytest.approx([0.04, 0.09])
+    assert "base_amplitude" not in runs
+
+
+def test_hertz_are_cycles_and_millimetres_need_a_size():
+    base = {"frequency": "25 Hz", "amplitude": "0.1 mm"}
+    found = plan(base, bodies=STONE)
+    launches, _ = sweeping.prepared(found)
+    omega = 2 * math.pi * 25
+    assert launches.losses["base_acceleration"] == pytest.approx(1e-4 * omega**2 / 9.81)
+    time = launches.bodies.units.time
+    assert launches.losses["base_frequency"] == pytest.approx(omega * time)
+    assert "25 Hz needs bodies with a size" in refusal(base)
+    message = refusal({"frequency": 25, "acceleration": 0.1}, bodies=STONE)
+    assert "base.frequency: 25 has no unit" in message
+    assert "25 Hz" in message
+
+
+@pytest.mark.parametrize(
+    ("base", "words"),
+    [
+        ({"frequency": 2.0}, "give acceleration or amplitude"),
+        (
+            {"frequency": 2.0, "acceleration": 0.1, "amplitude": 0.1},
+            "give acceleration or amplitude, and not both",
+        ),
+        ({"acceleration": 0.1}, "frequency"),
+        (
+            {"frequency": 2.0, "acceleration": 0.1, "direction": "horizontal"},
+            "take vertical",
+        ),
+        ({"frequency": 2.0, "acceleration": 0.1, "azimuth_deg": 3}, "leave it out"),
+        ({"frequency": -2.0, "acceleration": 0.1}, "base.frequency"),
+        ({"frequency": 2.0, "acceleration": "table"}, "needs source: table"),
+    ],
+)
+def test_a_plane_that_is_not_described_is_refused(base, words):
+    assert words in refusal(base)
+
+
+def test_what_needs_a_plane_at_rest_is_refused():
+    base = {"frequency": 2.0, "acceleration": 0.1}
+    assert "the plane of the model reduced" in refusal(base, model="reduced")
+    assert "lyapunov needs" in refusal(base, record=["lyapunov"])
+    assert "early needs" in refusal(base, classify={"early": True})
+    with pytest.raises(ConfigError) as caught:
+        rs.simulate("GH", **TAP, t_end=1, base=(2.0, 0.1), record="error")
+    message = str(caught.value)
+    assert "errors are not calibrated for paraboloid with base" in message
+    assert "leave out error or base" in message
+
+
+def test_a_plane_at_rest_adds_no_column():
+    found = plan({"frequency": 2.0, "acceleration": 0})
+    assert not [name for name in found.schema.names if name.startswith("base_")]
+
+
+def test_a_table_has_the_drive_row_by_row(tmp_path):
+    gh = rs.Rattleback.gh()
+    names = ("alpha", "beta", "gamma", "theta", "phi", "xi")
+    body = {name: [getattr(gh, name)] * 2 for name in names}
+    drive = {
+        "base_frequency": [2.0, 3.0],
+        "base_acceleration": [0.1, 0.1],
+        "base_phase": [0.5, 0.25],
+    }
+    path = tmp_path / "bodies.csv"
+    pd.DataFrame(body | drive).to_csv(path, index=False)
+    source = {"source": "table", "path": str(path)}
+    found = plan(None, bodies=source)
+    launches, batch = sweeping.prepared(found)
+    for name, values in drive.items():
+        assert launches.losses[name].tolist() == values
+    assert batch.y0[:, -1] == pytest.approx(np.array([0.5, 0.25]) / (2 * math.pi))
+    pd.DataFrame(body | {"base_acceleration": [0.1, 0.2]}).to_csv(path, index=False)
+    with pytest.raises(ConfigError, match="needs the column base_frequency"):
+        plan(None, bodies=source)
+
+
+def test_calls_take_a_pair_or_the_keys_of_a_config():
+    pair = columns_of_base((2.0, 0.1))
+    assert {name: float(x) for name, x in pair.items()} == {
+        "base_frequency": 2.0,
+        "base_acceleration": 0.1,
+        "base_phase": 0.0,
+    }
+    mapped = columns_of_base({"frequency": 2.0, "amplitude": 0.1, "phase_deg": 180})
+    assert float(mapped["base_acceleration"]) == pytest.approx(0.4)
+    assert float(mapped["base_phase"]) == pytest.approx(math.pi)
+    for wrong in (3.0, (1.0,), {"frequency": 2.0}, {"speed": 1}):
+        with pytest.raises(ConfigError, match="base"):
+            columns_of_base(wrong)
+
+
+def test_theory_of_a_drive():
+    """The growth at rest, and the spin at which losses balance it."""
+    gh = rs.Rattleback.gh()
+    modes = rs.modes(gh)
+    omega = modes.omega_p
+    assert growth_of_drive(omega, 2 * omega, 0.02) == pytest.approx(0.02 * omega / 4)
+    assert growth_of_drive(omega, 2.02 * omega, 0.02) == 0
+    damping = 0.01 / 2 / 12.054362
+    spin = driven_spin(0.02 * omega / 4, damping, modes.K_p)
+    expected = -(2 / modes.K_p) * (0.02 * omega / 4 - damping)
+    assert spin == pytest.approx(expected)
+    assert np.isnan(driven_spin(1e-3, 2e-3, modes.K_p))
+    drive = {"base_frequency": 2 * omega, "base_acceleration": 0.02}
+    told = derived(gh, 0.1, 0.01, sigma=0.01, **drive)
+    values = {each.name: each.value for each in told}
+    assert values["base_frequency_pitch"] == pytest.approx(2 * omega)
+    assert values["base_frequency_roll"] == pytest.approx(2 * modes.omega_r)
+    assert values["n_base_pitch"] == pytest.approx(expected, rel=1e-6)
+    assert values["n_base"] == pytest.approx(expected, rel=1e-6)
+    # The roll is damped by more than this drive gives it.
+    assert values["n_base_roll"] is None
+    strong = derived(gh, 0.1, 0.01, **drive | {"base_acceleration": 0.2})
+    assert {each.name: each.value for each in strong}["n_base_roll"] > 0
+
+
+def test_the_command_body_says_where_a_stone_spins_up():
+    stone = (
+        *("--half-ellipsoid", "12cm,3cm,12mm", "--mass", "60g", "--skew", "3deg"),
+        *("--base", "25Hz,0.1mm"),
+    )
+    found = sweeping.invoke("body", *stone)
+    assert found.exit_code == 0
+    assert "19.459  Hz" in found.stdout
+    refused = sweeping.invoke("body", "--gamma", "10", "--base", "25Hz")
+    assert refused.exit_code == 2
+    assert "as in 2.88,0.02 or 25Hz,0.1mm" in refused.stderr
