@@ -1,0 +1,1 @@
+"""Periodic orbits: motions that return, their multipliers and their families."""
