@@ -1,8 +1,9 @@
 """How far off the first reversals of physics engines are, and what that costs.
 
     pip install -e '.[engines]'
-    python benchmarks/engines.py                 # MuJoCo, all cases
-    python benchmarks/engines.py --engine drake --cases demo-clockwise
+    python benchmarks/engines.py                 # MuJoCo by its settings, all cases
+    python benchmarks/engines.py --all --cases demo-clockwise
+    python benchmarks/engines.py --engine drake dart
     python benchmarks/engines.py --check         # our times by an independent program
 
 runs the cases of `benchmarks/engines/`, which `rattlesweep export --cases` writes.  A
@@ -19,10 +20,15 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import version
 
 import numpy as np
 from machine import ROOT, heading
+
+from rattlesweep.analysis.engines.adapters import frame
+from rattlesweep.analysis.engines.case import EngineCase
+from rattlesweep.analysis.engines.script import ENGINES, HERE, numbers_of
 
 FOLDER = ROOT / "benchmarks" / "engines"
 LATE = 1.6  # a run ends at so many times the expected first reversal
@@ -32,9 +38,7 @@ LADDER = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.00125, 0.000625)
 # step takes away, twice that at most being stable.
 GRIPS = (0.04, 0.02, 0.01, 0.005)  # sqrt(a/g)
 GRIP = 1.8
-DRAKE_STEPS = (0.02, 0.01, 0.005, 0.0025, 0.00125)  # sqrt(a/g)
-BULLET_STEPS = (0.005, 0.00125)  # sqrt(a/g)
-BULLET_POINTS = (1_000, 10_000, 30_000, 100_000)
+STEPS = (0.01, 0.005, 0.0025, 0.00125)  # of all engines, sqrt(a/g)
 
 
 @dataclass(frozen=True)
@@ -144,144 +148,6 @@ def mujoco_run(
     return watched(case, step, energy)
 
 
-def drake_run(case: dict, share: float) -> Result:
-    """Run a case in Drake's discrete solver with a time step in sqrt(a/g)."""
-    from pydrake.common.eigen_geometry import Quaternion
-    from pydrake.geometry import (
-        AddContactMaterial,
-        Ellipsoid,
-        HalfSpace,
-        ProximityProperties,
-    )
-    from pydrake.math import RigidTransform, RotationMatrix
-    from pydrake.multibody.math import SpatialVelocity
-    from pydrake.multibody.plant import (
-        AddMultibodyPlantSceneGraph,
-        CoulombFriction,
-        DiscreteContactApproximation,
-    )
-    from pydrake.multibody.tree import SpatialInertia, UnitInertia
-    from pydrake.systems.analysis import Simulator
-    from pydrake.systems.framework import DiagramBuilder
-
-    step_size = share * time_unit(case)
-    body = case["body"]
-    surface = body["surface"]
-    friction = case["plane"]["friction"] or 1.0
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlantSceneGraph(builder, step_size)
-    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
-    gravity = [0, 0, -case["plane"]["gravity"]]
-    plant.mutable_gravity_field().set_gravity_vector(gravity)
-    moments = np.array(body["inertia"]) / body["mass"]
-    inertia = SpatialInertia(body["mass"], np.zeros(3), UnitInertia(*moments))
-    stone = plant.AddRigidBody("rattleback", inertia)
-    material = ProximityProperties()
-    # Stiff enough that the body sinks in by a millionth of its height.
-    stiffness = body["mass"] * case["plane"]["gravity"] / (1e-6 * body["height"])
-    coulomb = CoulombFriction(friction, friction)
-    AddContactMaterial(0.0, stiffness, coulomb, material)
-    turn = RotationMatrix.MakeZRotation(surface["angle"])
-    place = RigidTransform(turn, surface["centre"])
-    shape = Ellipsoid(*surface["semi_axes"])
-    plant.RegisterCollisionGeometry(stone, place, shape, "surface", material)
-    plant.RegisterCollisionGeometry(
-        plant.world_body(), RigidTransform(), HalfSpace(), "plane", material
-    )
-    plant.Finalize()
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    start = case["launch"]
-    attitude = Quaternion(wxyz=np.array(start["quaternion"]))
-    pose = RigidTransform(attitude, start["position"])
-    plant.SetFreeBodyPose(context, stone, pose)
-    omega = pose.rotation().multiply(np.array(start["omega"]))
-    velocity = SpatialVelocity(omega, start["velocity"])
-    plant.SetFreeBodySpatialVelocity(context, stone, velocity)
-    count = 0
-
-    def step() -> tuple[float, float]:
-        nonlocal count
-        count += 1
-        simulator.AdvanceTo(count * step_size)
-        moving = plant.EvalBodySpatialVelocityInWorld(context, stone)
-        return count * step_size, float(moving.rotational()[2])
-
-    def energy() -> float:
-        rest = body["mass"] * case["plane"]["gravity"] * body["height"]
-        potential = plant.CalcPotentialEnergy(context)
-        return plant.CalcKineticEnergy(context) + potential - rest
-
-    return watched(case, step, energy)
-
-
-def bullet_run(case: dict, share: float, points: int) -> Result:
-    """Run a case in Bullet with the convex hull of points on the ellipsoid."""
-    import pybullet as bullet
-    from scipy.spatial.transform import Rotation
-
-    step_size = share * time_unit(case)
-    body = case["body"]
-    surface = body["surface"]
-    friction = math.sqrt(case["plane"]["friction"] or 1.0)  # Bullet multiplies both
-    server = bullet.connect(bullet.DIRECT)
-    bullet.setGravity(0, 0, -case["plane"]["gravity"])
-    bullet.setTimeStep(step_size)
-    ground = bullet.createMultiBody(
-        0, bullet.createCollisionShape(bullet.GEOM_PLANE, planeNormal=[0, 0, 1])
-    )
-    # A spiral of points on the lower half, which alone touches the plane.
-    k = np.arange(points) + 0.5
-    z = -k / points
-    angle = math.pi * (1 + math.sqrt(5)) * k
-    flat = np.sqrt(1 - z**2)
-    sphere = np.stack([flat * np.cos(angle), flat * np.sin(angle), z], axis=1)
-    turn = Rotation.from_euler("z", surface["angle"])
-    vertices = turn.apply(sphere * surface["semi_axes"]) + surface["centre"]
-    hull = bullet.createCollisionShape(bullet.GEOM_MESH, vertices=vertices.tolist())
-    start = case["launch"]
-    w, *xyz = start["quaternion"]
-    lift = [*start["position"][:2], start["position"][2]]
-    stone = bullet.createMultiBody(body["mass"], hull, -1, lift, [*xyz, w])
-    bullet.changeDynamics(ground, -1, lateralFriction=friction, restitution=0)
-    bullet.changeDynamics(
-        stone,
-        -1,
-        lateralFriction=friction,
-        rollingFriction=0,
-        spinningFriction=0,
-        restitution=0,
-        linearDamping=0,
-        angularDamping=0,
-        localInertiaDiagonal=body["inertia"],
-        collisionMargin=0,
-        activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING,
-    )
-    omega = Rotation.from_quat([*xyz, w]).apply(start["omega"])
-    bullet.resetBaseVelocity(stone, start["velocity"], omega.tolist())
-    count = 0
-
-    def step() -> tuple[float, float]:
-        nonlocal count
-        count += 1
-        bullet.stepSimulation()
-        return count * step_size, bullet.getBaseVelocity(stone)[1][2]
-
-    def energy() -> float:
-        place, attitude = bullet.getBasePositionAndOrientation(stone)
-        velocity, spinning = map(np.array, bullet.getBaseVelocity(stone))
-        along = Rotation.from_quat(attitude).inv().apply(spinning)
-        kinetic = body["mass"] * velocity @ velocity / 2
-        kinetic += along**2 @ body["inertia"] / 2
-        weight = body["mass"] * case["plane"]["gravity"]
-        return float(kinetic + weight * (place[2] - body["height"]))
-
-    result = watched(case, step, energy)
-    bullet.disconnect(server)
-    return result
-
-
 Settings = Iterator[tuple[str, Callable[[dict], Result]]]
 
 
@@ -297,27 +163,44 @@ def mujoco_settings(ladder: Sequence[float]) -> Settings:
         )
 
 
-def drake_settings(ladder: Sequence[float]) -> Settings:
-    for share in ladder:
-        yield f"{share}", lambda case, share=share: drake_run(case, share)
+def ladder(case: dict, engine: str, steps: Sequence[float]) -> None:
+    """Print what an engine finds with each of the steps, in sqrt(a/g)."""
+    if case["plane"]["losses"] and not ENGINES[engine].pivots:
+        print(f"{engine} | {case['name']} | no pivoting friction here")
+        return
+    numbers = numbers_of(EngineCase.model_validate(case))
+    adapter = import_module(f"{HERE}.{engine}")
+    errors: list[float] = []
+    for step in steps:
+        seen = frame.run(adapter, numbers, step * time_unit(case))
+        errors.append(seen["error, %"])
+        order = ""
+        if len(errors) > 1 and errors[-1] and errors[-2] / errors[-1] > 0:
+            halvings = math.log2(steps[len(errors) - 2] / step)
+            order = f"{math.log2(errors[-2] / errors[-1]) / halvings:.2f}"
+        print(
+            f"{engine} | {case['name']} | {step:g} | {errors[-1]:+.4g} | {order} | "
+            f"{seen['energy left']:.4f} | {seen['slip, mm/s']:.4g} | "
+            f"{seen['gap, um']:.4g} to {seen['to']:.4g} | {seen['CPU, s']:.2f}",
+            flush=True,
+        )
 
 
-def bullet_settings(ladder: Sequence[float]) -> Settings:
-    for points in BULLET_POINTS:
-        for share in ladder:
-            yield (
-                f"{points} points, {share}",
-                lambda case, share=share, points=points: bullet_run(
-                    case, share, points
-                ),
-            )
-
-
-ENGINES = {
-    "mujoco": ("mujoco", mujoco_settings, LADDER),
-    "drake": ("drake", drake_settings, DRAKE_STEPS),
-    "bullet": ("pybullet", bullet_settings, BULLET_STEPS),
-}
+def climb(names: Sequence[str], cases: Sequence[dict], steps: Sequence[float]) -> None:
+    """Print the ladders of engines; those that are not installed are named."""
+    print(
+        "engine | case | step, sqrt(a/g) | error, % | order | energy left | "
+        "slip, mm/s | gap, um | CPU, s"
+    )
+    for name in names:
+        try:
+            adapter = import_module(f"{HERE}.{name}")
+        except ImportError:
+            print(f"{name} | not installed: pip install {ENGINES[name].installs}")
+            continue
+        print(*(f"{each} {version(each)}" for each in adapter.PACKAGES), sep=", ")
+        for case in cases:
+            ladder(case, name, steps)
 
 
 def independent(case: dict) -> float:
@@ -368,13 +251,14 @@ def independent(case: dict) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--engine", choices=ENGINES, default="mujoco")
+    parser.add_argument("--engine", nargs="+", choices=ENGINES, help="ladders of these")
+    parser.add_argument("--all", action="store_true", help="ladders of all engines")
     parser.add_argument("--cases", nargs="*", help="names of cases; by default all")
     parser.add_argument(
         "--ladder",
         nargs="*",
         type=float,
-        help="time constants of MuJoCo, or time steps of others, in sqrt(a/g)",
+        help="time steps, or time constants of MuJoCo, in sqrt(a/g)",
     )
     parser.add_argument("--check", action="store_true", help="our own times instead")
     options = parser.parse_args()
@@ -393,15 +277,14 @@ def main() -> None:
                 flush=True,
             )
         return
-    package, settings, ladder = ENGINES[options.engine]
-    print(package, version(package))
+    if options.all or options.engine:
+        climb(options.engine or list(ENGINES), cases, options.ladder or STEPS)
+        return
+    print("mujoco", version("mujoco"))
     print("case | settings | first reversal, s | error | seconds | energy left")
     for case in cases:
-        if case["plane"]["losses"] and options.engine != "mujoco":
-            print(f"{case['name']} | no pivoting friction here")
-            continue
         expected = case["expected"]["first_reversal"]["time"]
-        for label, run in settings(options.ladder or ladder):
+        for label, run in mujoco_settings(options.ladder or LADDER):
             result = run(case)
             found = "none"
             error = ""

@@ -11,7 +11,7 @@ from rattlesweep.physics import si
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.words.defaults import CASE_NAME, EXPORT_FORMAT
 from rattlesweep.words.errors import ConfigError
-from rattlesweep.words.names import EXPORT_FORMATS
+from rattlesweep.words.names import ENGINE_NAMES, EXPORT_FORMATS
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.engines.case import EngineCase
@@ -24,6 +24,7 @@ def export(
     body: Rattleback | str,
     *,
     format: str = EXPORT_FORMAT,
+    engine: str | None = None,
     length: NumberOrText | None = None,
     name: str = CASE_NAME,
     path: str | Path | None = None,
@@ -41,13 +42,17 @@ def export(
     format : str
         ``mjcf``, a model of MuJoCo, of an ellipsoid; or ``json``, a document whose
         schema ``rattlesweep schema --case`` prints.
+    engine : str, optional
+        Instead of a format, the engine of a Python file that repeats the run there and
+        prints its first reversal: one of ``mujoco``, ``mjx``, ``newton``, ``drake``,
+        ``dart``, ``motrix``, ``bullet``, ``rapier`` and ``exudyn``.
     length : float or str, optional
         Height of the centre of mass, in m, which a body without a size needs.  Such a
         body has a mass of 1 kg.
     name : str
         Name of the case.
     path : str or Path, optional
-        An .xml or .json file to write the text to.
+        An .xml, .json or .py file to write the text to.
 
     Raises
     ------
@@ -62,7 +67,14 @@ def export(
                 f"tolerance; leave {setting} out"
             )
     run = prepare_launch(body, **launch)
-    return export_run(run, format, length, name, path)[0]
+    return export_run(run, format, length, name, path, engine)[0]
+
+
+def ending_of(format: str, engine: str | None) -> str:
+    """Return the ending of the files of a format, or of an engine."""
+    if engine is not None:
+        return ".py"
+    return ENDINGS[format]
 
 
 def export_run(
@@ -71,27 +83,40 @@ def export_run(
     length: NumberOrText | None,
     name: str,
     path: str | Path | None,
+    engine: str | None = None,
 ) -> tuple[str, EngineCase]:
     """Return the text of an export and its case; write the text if there is a path."""
     from rattlesweep.analysis.engines.case import make_case
     from rattlesweep.analysis.engines.mjcf import check_model, to_mjcf
+    from rattlesweep.analysis.engines.script import check_name, check_run, to_script
     from rattlesweep.system.files import as_path, replace_file
     from rattlesweep.words.errors import not_one_of
 
     if format not in EXPORT_FORMATS:
         raise ConfigError(f"format: {not_one_of(format, EXPORT_FORMATS)}")
+    if engine is not None and engine not in ENGINE_NAMES:
+        raise ConfigError(f"engine: {not_one_of(engine, ENGINE_NAMES)}")
     if path is not None:
         path = as_path(path, "path")
-        if path.suffix.lower() != ENDINGS[format]:
+        ending = ending_of(format, engine)
+        if path.suffix.lower() != ending:
             raise ConfigError(
-                f"path {path}: a file of the format {format} ends in {ENDINGS[format]}"
+                f"path {path}: a file of {engine or f'the format {format}'} ends in "
+                f"{ending}"
             )
-    if format == "mjcf":
-        check_model(run)
+        if engine is not None:
+            check_name(path, engine)
+    if engine is not None:
+        check_run(run, engine)
+    elif format == "mjcf":
+        check_model(run, instead=", or choose the format json")
     case = make_case(run, str(name), height=_height(length))
-    text = case.to_json()
-    if format == "mjcf":
+    if engine is not None:
+        text = to_script(case, engine)
+    elif format == "mjcf":
         text = to_mjcf(case)
+    else:
+        text = case.to_json()
     if path is not None:
         replace_file(path, text.encode())
     return text, case

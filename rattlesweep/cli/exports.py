@@ -21,6 +21,8 @@ from rattlesweep.words.errors import ConfigError
     "--radii '12,48 cm' --axes-angle 20deg --c 3cm --n-i '-5 rad/s' "
     "--omega-xy0 '2 rad/s' --psi 110 --t-end 3s --output demo.xml",
     "rattlesweep export --preset GH --length 1cm --format json --output gh.json",
+    "rattlesweep export --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 8deg "
+    "--n-i 60rpm --omega-xy0 6rpm --t-end 5s --engine drake --output half_drake.py",
     "rattlesweep export --cases engines",
 )
 @options.body_options
@@ -37,12 +39,20 @@ from rattlesweep.words.errors import ConfigError
     help="A model of MuJoCo, or a document with poses and a schema.  "
     f"[default: that of the file, or {EXPORT_FORMAT}]",
 )
+@option(
+    "--engine",
+    type=options.ENGINE_CHOICE,
+    help="Instead of a format: a Python file that repeats the run in this engine and "
+    "prints its first reversal.",
+)
 @option("--name", metavar="TEXT", help=f"Name of the case.  [default: {CASE_NAME}]")
 @options.file(
     "--output",
     ".xml",
     ".json",
-    help="An .xml file of a model or a .json file, instead of standard output.",
+    ".py",
+    help="An .xml file of a model, a .json file or a .py file of an engine, instead of "
+    "standard output.",
 )
 @option(
     "--cases",
@@ -52,6 +62,7 @@ from rattlesweep.words.errors import ConfigError
 @options.quiet
 def export(
     format: str | None,
+    engine: str | None,
     name: str | None,
     length: float | None,
     output: Path | None,
@@ -65,29 +76,35 @@ def export(
     error, the direction and the friction that rolling needs. docs/engines.md says how
     well engines do.
     """
-    from rattlesweep.api.exports import ENDINGS, export_run, write_cases
+    from rattlesweep.api.exports import ENDINGS, ending_of, export_run, write_cases
 
     if cases is not None:
-        others = {"format": format, "name": name, "length": length, "output": output}
+        others = {
+            **{"format": format, "engine": engine, "name": name},
+            **{"length": length, "output": output},
+        }
         for option_of in pick({**given, **others}, *given, *others):
             raise ConfigError(
                 f"{flag(option_of)}: the reference cases have their own; leave it out"
             )
         tell(*write_cases(cases))
         return
+    if format is not None and engine is not None:
+        raise ConfigError("--engine: its file has its own form; leave --format out")
     probe_files(output)
     if format is None:
         format = EXPORT_FORMAT
         if output is not None and output.suffix.lower() == ENDINGS["json"]:
             format = "json"
-    if output is not None and output.suffix.lower() != ENDINGS[format]:
+    ending = ending_of(format, engine)
+    if output is not None and output.suffix.lower() != ending:
         raise ConfigError(
-            f"--output {output}: a file of the format {format} ends in "
-            f"{ENDINGS[format]}"
+            f"--output {output}: a file of {engine or f'the format {format}'} ends in "
+            f"{ending}"
         )
     if name is None:
         name = given["preset"] or CASE_NAME
-    text, case = export_run(prepared_run(given), format, length, name, output)
+    text, case = export_run(prepared_run(given), format, length, name, output, engine)
     if output is None:
         click.echo(text, nl=False)
     else:

@@ -440,6 +440,10 @@ def _body(run: PreparedRun, units: Units) -> Body:
 def _plane(run: PreparedRun, units: Units) -> Plane:
     """Return gravity and friction in SI units."""
     losses = {name: float(values[0]) for name, values in run.launches.losses.items()}
+    if losses.get("base_acceleration", 0.0) > 0:
+        raise ConfigError(
+            "base: no format has a plane that shakes; leave it out to export the body"
+        )
     friction = losses.pop("mu", None)
     if friction is not None and not math.isfinite(friction):
         friction = None

@@ -23,22 +23,27 @@ CONTACT_TIME = 0.005
 STEPS_IN_CONTACT_TIME = 2
 
 
-def check_model(run: PreparedRun) -> None:
-    """Raise a ConfigError if MuJoCo has no such body or no such friction."""
+def check_model(
+    run: PreparedRun, title: str = "MuJoCo", pivots: bool = True, instead: str = ""
+) -> None:
+    """Raise a ConfigError if an engine has no such body or no such friction.
+
+    `instead` ends the sentence: what else there is.
+    """
     if run.config.bodies.bottom == "paraboloid":
         raise ConfigError(
-            "body: a physics engine has no paraboloid; give the vertical semi-axis c "
-            "of an ellipsoid, or choose the format json"
+            f"body: {title} has no paraboloid; give the vertical semi-axis c of an "
+            f"ellipsoid{instead}"
         )
+    known = ("mu", "pivot") if pivots else ("mu",)
     losses = [
         name
         for name, values in run.launches.losses.items()
-        if name not in ("mu", "pivot") and values[0] > 0
+        if name not in known and values[0] > 0
     ]
     if losses:
         raise ConfigError(
-            f"{', '.join(losses)}: MuJoCo has no such friction; leave it out, or "
-            "choose the format json"
+            f"{', '.join(losses)}: {title} has no such friction; leave it out{instead}"
         )
 
 
@@ -50,12 +55,7 @@ def to_mjcf(case: EngineCase, one_percent: float | None = None) -> str:
     """
     unit_of_time = math.sqrt(case.body.height / case.plane.gravity)
     time_constant = CONTACT_TIME * unit_of_time
-    lever = 0.0
-    if "pivot" in case.plane.losses:
-        lever = case.plane.losses["pivot"].value
-    friction = case.plane.friction
-    if friction is None:
-        friction = _ample(case.expected.contact.friction, lever)
+    friction, lever = friction_and_lever(case)
     # An elliptic cone: what rolling uses of the friction is lost to pivoting.
     used = min(1.0, case.expected.contact.friction / friction)
     half = case.body.surface.angle / 2
@@ -76,7 +76,7 @@ def to_mjcf(case: EngineCase, one_percent: float | None = None) -> str:
         share=CONTACT_TIME,
         one_percent=one_percent,
         unit_of_time=unit_of_time,
-        friction=float(friction),
+        friction=friction,
         lever=lever,
         torque_left=math.sqrt(1 - used**2),
         weight=case.body.mass * case.plane.gravity,
@@ -87,7 +87,20 @@ def to_mjcf(case: EngineCase, one_percent: float | None = None) -> str:
     return linked(text)
 
 
-def _ample(needed: float, lever: float) -> float:
+def friction_and_lever(case: EngineCase) -> tuple[float, float]:
+    """Return the coefficient of friction of a case, and the lever of pivoting in m.
+
+    A plane that always holds has an ample friction.
+    """
+    lever = 0.0
+    if "pivot" in case.plane.losses:
+        lever = case.plane.losses["pivot"].value
+    if case.plane.friction is not None:
+        return float(case.plane.friction), lever
+    return float(_ample_friction(case.expected.contact.friction, lever)), lever
+
+
+def _ample_friction(needed: float, lever: float) -> float:
     """Return a coefficient of sliding friction with which a body rolls always."""
     if lever > 0:
         return math.ceil(AMPLE_IN_PIVOTING * needed)
