@@ -27,7 +27,7 @@ from rattlesweep.kernel.state.status import Status
 from rattlesweep.rows import arrow, columns
 from rattlesweep.store import summary
 from rattlesweep.words.names import MODEL_NAMES
-from rattlesweep.words.quantities import LOSSES, SURFACE_CONSTANTS
+from rattlesweep.words.quantities import ACTING, DRIVES, LOSSES, SURFACE_CONSTANTS
 
 Schema = dict[str, Any]  # a JSON Schema, or a part of one
 DOCS = Path(__file__).parent
@@ -100,6 +100,10 @@ EXAMPLES = {
         "dissipation: {sigma: [0.001, 0.003], rolling: 0.001}",
         "dissipation: {pivot: [0.0005, 0.002], mu: 0.3}",
     ],
+    "base": [
+        "base: {frequency: {linspace: [0.5, 5, 451]}, acceleration: [0.02, 0.05]}",
+        "base: {frequency: 2.88, amplitude: [0.005, 0.01], phase_deg: 90}",
+    ],
     "integrator": [
         "integrator: {method: verner98, tol: 1.0e-11}",
         "integrator: {accuracy: draft}",
@@ -140,7 +144,8 @@ columns replace a part of the config, row by row:
 | `rim`, may be empty | | `a`; height of the edge of the surface above its lowest point, at which a run ends |
 
 A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m`. It may also have `ixy_kg_m2
-axes_angle_deg gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation @@losses@@.
+axes_angle_deg gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation and its
+plane @@losses@@.
 
 Two columns for one quantity must agree, such as `n_i` and `n_i_rpm`, or `xi_deg` and the angle that follows from the tensor and the
 radii. A table in which they contradict each other is refused.
@@ -200,7 +205,13 @@ def tables_text() -> str:
         loss.unit if loss.unit == "1" else f"`{loss.unit}`" for loss in LOSSES.values()
     )
     rows.append(f"| {names}, in all rows | `dissipation` | {units} |")
-    measures = [loss.measure for loss in LOSSES.values() if loss.measure is not None]
+    names = ", ".join(f"`{name}`" for name in DRIVES)
+    units = ", ".join(
+        drive.unit if drive.unit == "1" else f"`{drive.unit}`"
+        for drive in DRIVES.values()
+    )
+    rows.append(f"| {names}, in all rows | `base` | {units} |")
+    measures = [loss.measure for loss in ACTING.values() if loss.measure is not None]
     in_si = f"`{' '.join(measure.name for measure in measures)}`"
     text = TABLES.replace("@@constants@@", "\n".join(rows))
     return text.replace("@@losses@@", in_si)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ class TwoWeights:
     is_of_mesh: bool  # whether places are those of a mesh, or on a flat side
     skew: float  # with them, in radians
     before: float
+    at: Floats  # the first one in the frame of the body, in a
 
     @property
     def sentence(self) -> str:
@@ -83,6 +84,35 @@ def weights_for_skew(body: Rattleback) -> TwoWeights | None:
         is_of_mesh=body.pose is not None,
         skew=float(skews[best]),
         before=abs(body.xi),
+        at=place,
+    )
+
+
+def with_weights(body: Rattleback, weights: TwoWeights) -> Rattleback:
+    """Return a body of known size with two weights on it."""
+    units = body.units
+    assert units is not None
+    each = weights.mass / units.mass
+    x, y, z = weights.at  # z counts downwards
+    total = 1 + 2 * each
+    # The contact is 1 below the old centre of mass, and so much below the new one.
+    height = 1 - 2 * each * z / total
+    risen = total * (1 - height) ** 2
+    ixx = body.alpha - 1 + 2 * each * (y**2 + z**2) - risen
+    iyy = body.beta - 1 + 2 * each * (x**2 + z**2) - risen
+    izz = body.gamma + 2 * each * (x**2 + y**2)
+    half = math.hypot((ixx - iyy) / 2, 2 * each * x * y)
+    size = total * height**2
+    return body.replace(
+        alpha=((ixx + iyy) / 2 + half) / size + 1,
+        beta=((ixx + iyy) / 2 - half) / size + 1,
+        gamma=izz / size,
+        theta=body.theta * height,
+        phi=body.phi * height,
+        xi=math.copysign(weights.skew, body.xi),
+        c=None if body.c is None else body.c / height,
+        rim=None if body.rim is None else body.rim / height,
+        units=replace(units, mass=units.mass * total, length=units.length * height),
     )
 
 

@@ -39,6 +39,20 @@ class Axis:
     values: Floats  # the selected ones, ascending
     # index among them of each case or of each value of a grid; -1: not selected
     rank: Integers
+    every: Floats | None = None  # the values of the sweep, if some are not selected
+
+    @property
+    def places(self) -> Integers:
+        """Place of each value among those of the sweep, the smallest sizes first.
+
+        It gives a value one colour in all figures, whatever is selected; and -0.1 that
+        of 0.1 in a sweep of the other direction.
+        """
+        every = self.values if self.every is None else self.every
+        order = np.lexsort((every, np.abs(every)))
+        place = np.empty(len(every), np.int64)
+        place[order] = np.arange(len(every))
+        return place[np.searchsorted(every, self.values)]
 
     @property
     def edges(self) -> Floats:
@@ -116,7 +130,8 @@ class Axis:
         new_rank = np.where(selected, np.cumsum(selected) - 1, -1)
         # A rank of -1, not selected before, stays so.
         new_rank = np.append(new_rank, -1)
-        return Axis(self.name, v[selected], new_rank[self.rank])
+        every = v if self.every is None else self.every
+        return Axis(self.name, v[selected], new_rank[self.rank], every)
 
 
 @dataclass(frozen=True)
@@ -273,8 +288,12 @@ class SweepLayout:
                 natural = max(map(abs, of_cases))
                 sizes.setdefault(name, largest / SI[name][1] / natural)
         for name in sizes.keys() & axes.keys():
-            si_values = np.round(axes[name].values * sizes[name], 12)
-            axes[name] = replace(axes[name], name=SI[name][0], values=si_values)
+            axis = axes[name]
+            every = axis.every
+            if every is not None:
+                every = np.round(every * sizes[name], 12)
+            si_values = np.round(axis.values * sizes[name], 12)
+            axes[name] = replace(axis, name=SI[name][0], values=si_values, every=every)
         return replace(self, axes=axes, si=True)
 
 
@@ -308,7 +327,7 @@ def read_layout(directory: Path) -> SweepLayout:
     names = []
     if config.spin is not None:
         names = ["n_i", "omega_xy0"]
-    losses = config.dissipation.values
+    losses = config.acting.values
     names += [name for name, several in losses.items() if len(several) > 1]
     for name in names:
         settings = [case.setting(name) for case in cases]

@@ -4,6 +4,7 @@ import gc
 import re
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -140,8 +141,10 @@ def _shown(layout: SweepLayout, kind: str) -> Mapping[str, object]:
         with styled({"font.size": NARROW_FONT}):
             if image["wide"]:
                 height = NARROW_MARGIN + NARROW_PANEL * len(picture.down)
-                narrow = picture.figure(caption=False, size=(NARROW, height))
-                image["narrow"] = data_url(*_encoded(narrow))
+                # Without it the page shows the wide one, which scrolls.
+                with suppress(ConfigError):
+                    narrow = picture.figure(caption=False, size=(NARROW, height))
+                    image["narrow"] = data_url(*_encoded(narrow))
     except (ConfigError, OutputError) as error:
         return {"kind": kind, "error": error}
     finally:

@@ -2,9 +2,11 @@
 
 import io
 import itertools
+import locale
 import math
 import shutil
 import textwrap
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +20,7 @@ from matplotlib import style as mpl_styles
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
@@ -99,6 +102,7 @@ UNITS = {
     "M g a": r"$M\,g\,a$",
     "M g": r"$M\,g$",
     "M a^2 sqrt(g/a)": r"$M\,a^2 \sqrt{g/a}$",
+    "M sqrt(g/a)": r"$M \sqrt{g/a}$",
 }
 RC: dict[str, object] = {
     "font.size": 9,
@@ -131,6 +135,7 @@ _WIDTHS = (1, 3, 5, 9)
 _WHOLE = 0.75
 _EVEN = 0.99
 _EXCEPT = 0.05  # of the windows
+LEAST_SIZE = 6.0  # points, of any text
 CAPTION_SIZE = 7.0  # points; less where the text of the figure is small
 CAPTION_PART = 0.22  # of the height of a figure that does not grow
 # A style file, the name of a style, or settings.
@@ -216,6 +221,7 @@ def add_legend(
             handles=handles,
             loc="outside upper center",
             columnspacing=1.4,
+            handlelength=1.6,
             ncols=math.ceil(count / rows),
         )
         if rows == count or legend.get_window_extent().width <= figure.bbox.width:
@@ -231,6 +237,7 @@ def add_caption(figure: Figure, sentences: Sequence[str], *, grow: bool = True) 
     Otherwise only as many sentences are written as leave the panels their room.
     """
     size = min(CAPTION_SIZE, 0.85 * float(mpl.rcParams["font.size"]))
+    size = max(size, LEAST_SIZE)
     letters = int(1.75 * 72 * figure.get_figwidth() / size)
     line_height = 0.02 * size  # inches
     room = math.inf if grow else CAPTION_PART * figure.get_figheight()
@@ -247,11 +254,16 @@ def add_caption(figure: Figure, sentences: Sequence[str], *, grow: bool = True) 
 
 
 def separate_ticks(figure: Figure) -> None:
-    """Take fewer ticks along the abscissas until their labels stand apart."""
-    for _ in range(8):
+    """Take fewer ticks along the abscissas until their labels stand apart.
+
+    Where two labels are still too long, they stand upright.
+    """
+    fit_texts(figure)
+    for turn in range(8):
         # The layout is solved first, on which the places of the labels depend.
-        with valid_texts():
-            figure.draw_without_rendering()
+        if turn:
+            with valid_texts():
+                figure.draw_without_rendering()
         if not _crowded(figure):
             return
         for axes in figure.axes:
@@ -261,6 +273,8 @@ def separate_ticks(figure: Figure) -> None:
             elif isinstance(locator, MaxNLocator):
                 shown = len(_labels(axes))
                 axes.xaxis.set_major_locator(MaxNLocator(max(2, shown - 2)))
+    for axes in figure.axes:
+        axes.tick_params(axis="x", labelrotation=90)
 
 
 def _labels(axes: Axes) -> list[Bbox]:
@@ -286,6 +300,97 @@ def _crowded(figure: Figure) -> bool:
         if same_line and apart < gap:
             return True
     return False
+
+
+def chosen_size() -> tuple[float, float] | None:
+    """Return the size of a figure that the caller's settings or a style have chosen."""
+    size = tuple(mpl.rcParams["figure.figsize"])
+    if size == tuple(mpl.rcParamsDefault["figure.figsize"]):
+        return None
+    width, height = size
+    return float(width), float(height)
+
+
+@contextmanager
+def sized(size: tuple[float, float] | None) -> Iterator[None]:
+    """Draw a narrow figure with smaller letters, unless the caller has chosen theirs.
+
+    Raise a ConfigError if its panels have no room.
+    """
+    settings: dict[Any, Any] = {}
+    if size is not None and mpl.rcParams["font.size"] == RC["font.size"]:
+        settings["font.size"] = min(9.0, max(7.0, 5.2 + 0.54 * size[0]))
+    with mpl.rc_context(settings), warnings.catch_warnings():
+        if size is not None:
+            warnings.filterwarnings("error", "constrained_layout not applied")
+        try:
+            yield
+        except UserWarning:
+            assert size is not None
+            raise ConfigError(
+                f"size: the panels, their legend and their caption do not fit into "
+                f"{size[0]:g} x {size[1]:g} inches; give more, select fewer values, or "
+                "leave the caption out"
+            ) from None
+
+
+def fit_texts(figure: Figure) -> None:
+    """Make labels and headings smaller that are longer than their panels.
+
+    None gets below `LEAST_SIZE`.  An ordinate's label that is still too long stays in
+    the middle row of panels only, and an abscissa's in the middle column.
+    """
+    # The layout is solved first, on which the lengths depend.
+    with valid_texts():
+        figure.draw_without_rendering()
+    shrunk = False
+    for axes in figure.axes:
+        room = axes.get_window_extent()
+        across = (axes.xaxis.label, axes.title)
+        for text, which in (
+            *((each, "width") for each in across),
+            (axes.yaxis.label, "height"),
+        ):
+            shrunk |= _shrink(text, getattr(room, which), which)
+    if not shrunk:
+        return
+    with valid_texts():
+        figure.draw_without_rendering()
+    _keep_middle(figure, "yaxis", "height")
+    _keep_middle(figure, "xaxis", "width")
+
+
+def _shrink(text: Text, room: float, which: str) -> bool:
+    """Make a text smaller that is longer than its room; return whether it was."""
+    if not text.get_text():
+        return False
+    length = getattr(text.get_window_extent(), which)
+    size = float(text.get_fontsize())
+    if length <= room or size <= LEAST_SIZE:
+        return False
+    text.set_fontsize(max(LEAST_SIZE, size * room / length))
+    return True
+
+
+def _keep_middle(figure: Figure, axis: str, which: str) -> None:
+    """Clear all but the middle one of labels that would touch each other."""
+    labels = []
+    for axes in figure.axes:
+        text = getattr(axes, axis).label
+        if text.get_text() and not hasattr(axes, "_colorbar"):
+            length = getattr(text.get_window_extent(), which)
+            labels.append(
+                (text, length > 1.08 * getattr(axes.get_window_extent(), which))
+            )
+    if any(too_long for _, too_long in labels):
+        for place, (text, _) in enumerate(labels):
+            if place != len(labels) // 2:
+                text.set_text("")
+
+
+def small_size() -> float:
+    """Return the size of small letters, in points."""
+    return max(LEAST_SIZE, 0.7 * float(mpl.rcParams["font.size"]))
 
 
 def light_grid(axes: Axes) -> None:
@@ -315,6 +420,14 @@ def scale_axis(
     else:
         axes.set_yscale("log")
     plain_ticks(axes, which, low, float(np.max(values)))
+
+
+def colour_of(place: int, count: int) -> str:
+    """Return the colour of a value by its place among all `count` values of a sweep."""
+    if count <= len(SERIES):
+        return SERIES[place][0]
+    # More values than colours that can be told apart: from dark to light.
+    return to_hex(mpl.colormaps["viridis"](0.92 * place / (count - 1)))
 
 
 class PlainTicks(LogLocator):
@@ -358,7 +471,7 @@ def plain_ticks(axes: Axes, which: str, low: float, high: float) -> None:
         axis.set_major_locator(PlainTicks())
     else:
         axis.set_major_locator(MaxNLocator(4))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: number_text(value, "g")))
     axis.set_minor_formatter(NullFormatter())
 
 
@@ -521,10 +634,20 @@ def label(name: str, unit: str | None = None) -> str:
     return f"{symbol} ({formula})"
 
 
+def number_text(value: float, form: str = ".4g") -> str:
+    """Return a number with the point and the minus sign that the settings ask for."""
+    text = f"{value:{form}}"
+    if mpl.rcParams["axes.formatter.use_locale"]:
+        text = locale.format_string(f"%{form}", value)
+    if mpl.rcParams["axes.unicode_minus"]:
+        text = text.replace("-", "−")
+    return text
+
+
 def value_text(name: str, value: float) -> str:
     """Return a text such as ``n_i = -0.1`` or ``n_i = -60 rpm``."""
     definition = define(name)
-    text = f"{definition.symbol} = {value:.4g}".replace("-", "−")
+    text = f"{definition.symbol} = {number_text(value)}"
     # The units of the body are left out.
     if definition.unit in UNITS and definition.unit != "deg":
         return text

@@ -24,6 +24,7 @@ from rattlesweep.api.contact import contact_patch
 from rattlesweep.api.drawn import draw_bodies
 from rattlesweep.api.exports import export
 from rattlesweep.api.fits import fit
+from rattlesweep.api.orbits import Branch, Orbit, branch, find_orbits, orbit
 from rattlesweep.api.single import Run, simulate
 from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.api.trajectories import Page, Trajectory, replay, show, trajectory
@@ -36,15 +37,18 @@ from rattlesweep.physics.theory import Modes, direction, garcia_hubbard
 from rattlesweep.statistics.intervals import wilson
 from rattlesweep.store.provenance import machine, versions
 from rattlesweep.words.errors import ConfigError, OutputError
+from rattlesweep.words.quantities import LOSSES
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 __all__ = [
+    "Branch",
     "ConfigError",
     "ContactPatch",
     "GrowthRates",
     "Modes",
+    "Orbit",
     "OutputError",
     "Page",
     "Rattleback",
@@ -53,15 +57,18 @@ __all__ = [
     "Trajectory",
     "Verdict",
     "bondi_threshold",
+    "branch",
     "contact_patch",
     "draw_bodies",
     "export",
+    "find_orbits",
     "fit",
     "growth_rates",
     "is_chaotic",
     "load",
     "machine",
     "modes",
+    "orbit",
     "replay",
     "reversal_time_gh",
     "show",
@@ -72,6 +79,12 @@ __all__ = [
     "versions",
     "wilson",
 ]
+
+
+# Constants under which small oscillations grow or decay exponentially.
+LINEAR_LOSSES = tuple(
+    name for name, loss in LOSSES.items() if loss.takes_spin and name != "rolling"
+)
 
 
 class GrowthRates(NamedTuple):
@@ -141,20 +154,42 @@ def bondi_threshold(body: BodiesLike) -> Floats | float:
     return _plain(np.where(xi > 0, -threshold, threshold))
 
 
-def growth_rates(body: BodiesLike, n: ArrayLike, *, exact: bool = False) -> GrowthRates:
+def growth_rates(
+    body: BodiesLike, n: ArrayLike, *, exact: bool = False, **losses: ArrayLike
+) -> GrowthRates:
     """Return the growth rates of the amplitudes of pitch and roll at a spin ``n``.
 
     `body` is as for ``modes``, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.
     The rates are eigenvalues if `exact`, else their limits for a small spin, ``n K_p /
     2`` and ``-n K_r / 2`` (Eq. 74).  Energies grow twice as fast.
+
+    `losses` are constants of dissipation by name, which lower the rates: ``sigma``, the
+    lever ``pivot`` with the coefficient ``creep``, and ``viscous``.  Eigenvalues are
+    known with ``sigma`` alone.
+
+    Raises
+    ------
+    ConfigError
+        If a loss has no growth rate.
     """
-    columns = _columns(body, n=n)
+    for name in losses:
+        known = ("sigma",) if exact else LINEAR_LOSSES
+        if name not in known:
+            of_kind = "eigenvalue" if exact else "growth rate"
+            raise ConfigError(
+                f"{name}: no {of_kind} is known with it; give {' or '.join(known)}"
+            )
+    columns = _columns(body, n=n, **losses)
     spin = columns.pop("n")
+    lossy = {name: columns.pop(name) for name in losses}
     if exact:
-        pitch, roll = steady.growth(full.constants(**columns), spin)
+        sigma = lossy.get("sigma", 0.0)
+        pitch, roll = steady.growth(full.constants(**columns), spin, sigma)
     else:
-        both = _modes(columns)
-        pitch, roll = theory.growth_rates(both.K_p, both.K_r, spin)
+        given = {name: np.zeros(()) for name in LOSSES} | lossy
+        pitch, roll = theory.lossy_growth_rates(
+            columns["alpha"], columns["beta"], _modes(columns), spin, given
+        )
     return GrowthRates(_plain(pitch), _plain(roll))
 
 

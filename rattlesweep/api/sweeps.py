@@ -19,7 +19,8 @@ from rattlesweep.api.trajectories import (
     prepare_stored,
     replay,
 )
-from rattlesweep.system.console import Bar
+from rattlesweep.system.console import Bar, counted
+from rattlesweep.words.defaults import MOST_SEARCHED, PERIODIC, SEARCH_SECTION
 from rattlesweep.words.errors import ConfigError, ConfigWarning, check_names
 
 if TYPE_CHECKING:
@@ -98,24 +99,17 @@ class Sweep:
         """
         import pyarrow as pa
 
-        from rattlesweep.analysis.where import parse_where
+        from rattlesweep.analysis.table import chosen_batches, schema_of
 
         stored = self._stored
-        schema = stored.schema
-        names = schema.names
+        names = None
         if columns is not None:
             names = names_of("columns", columns)
-            check_names("columns", names, schema.names)
+        schema = schema_of(stored, names)
         if where is None:
             return to_frame(stored.read(names))
-        condition = parse_where(where, schema)
-        needed = list(dict.fromkeys((*names, *condition.columns)))
-        chosen = pa.schema([schema.field(name) for name in names])
-        batches = [
-            condition.filter(batch).select(names).cast(chosen)
-            for batch in stored.batches(needed)
-        ]
-        return to_frame(pa.Table.from_batches(batches, chosen))
+        batches = chosen_batches(stored, schema, where)
+        return to_frame(pa.Table.from_batches(batches, schema))
 
     def to_xarray(
         self,
@@ -155,9 +149,11 @@ class Sweep:
         x: str | None = None,
         quantity: str | None = None,
         colour: str | None = None,
+        panels: str | None = None,
         select: Mapping[str, Any] | Sequence[str] = (),
         where: str | None = None,
         path: str | Path | None = None,
+        labels: Mapping[str, str] | str | Path | None = None,
         style: Style = None,
         ax: Axes | None = None,
         **looks: Any,
@@ -167,13 +163,17 @@ class Sweep:
         The arguments are the options of the command; `path` is an .svg, .png or .pdf
         file to write.  `select` may be a mapping, as in ``{"n_i": [-0.3, -0.5]}``;
         looks are ``title``, ``log``, ``size``, ``xlim``, ``ylim`` and ``caption``
-        (False leaves it out).
+        (False leaves it out).  `panels` is the axis of the sweep whose values have
+        panels of their own, and `labels`, a mapping or a YAML file, replaces texts of
+        the figure, as in ``{"ylabel": "Anteil", "n_i": "Spin"}``; see
+        docs/figures.md.
 
         What differs in ``matplotlib.rcParams`` from Matplotlib's own settings is
         respected, and `style`, a file, a name such as ``"ggplot"`` or a mapping, above
         it.  A picture of a single panel may be drawn on `ax`, axes of the caller's,
         whose figure is returned; the caption is then left to the caller.
         """
+        from rattlesweep.analysis.labels import read_labels
         from rattlesweep.analysis.layout import read_layout
         from rattlesweep.analysis.onerun.figure import shown
         from rattlesweep.analysis.plots import choose_picture
@@ -181,6 +181,7 @@ class Sweep:
         from rattlesweep.system.files import as_path
 
         _check_looks(looks)
+        looks["labels"] = read_labels(labels)
         layout = read_layout(self.directory)
         if isinstance(select, Mapping):
             select = [_selection(name, values) for name, values in select.items()]
@@ -192,6 +193,7 @@ class Sweep:
                 x=x,
                 quantity=quantity,
                 colour=colour,
+                panels=panels,
                 select=texts,
                 where=where,
             )
@@ -289,6 +291,50 @@ class Sweep:
     def replay(self, case: int, sample: int, **settings: Any) -> Trajectory:
         """Integrate one of the runs again as a trajectory, as ``replay`` does."""
         return replay(self.directory, case, sample, **settings)
+
+    def find_orbits(
+        self,
+        where: str = PERIODIC,
+        *,
+        most: int = MOST_SEARCHED,
+        section: str = SEARCH_SECTION,
+        t_end: float | str | None = None,
+    ) -> pd.DataFrame:
+        """Search the periodic orbits near the ends of runs, and return a row for each.
+
+        The runs are the first `most` that meet `where`, which by default asks for the
+        regime ``periodic`` of ``record: [spectrum]``; their `case` and `sample` are
+        columns.  A run near which no orbit is found has no row.
+        """
+        import pandas as pd
+
+        from rattlesweep.analysis.onerun.replay import find_run
+        from rattlesweep.analysis.orbits.search import orbits_near
+        from rattlesweep.analysis.orbits.tables import table_of_orbits
+
+        check_count("most", most)
+        keys = self.read(["case", "sample"], where).head(most)
+        tables = []
+        for case, sample in keys.itertuples(index=False):
+            run = find_run(self.directory, int(case), int(sample))
+            prepared = run.prepare(arguments.one_number("t_end", t_end, run.units))
+            try:
+                table = table_of_orbits(orbits_near(prepared, section))
+            except ConfigError:
+                if len(keys) == 1:
+                    raise
+                continue
+            table.insert(0, "sample", sample)
+            table.insert(0, "case", case)
+            tables.append(table)
+        if not tables:
+            raise ConfigError(
+                f"where {where}: of {counted(len(keys), 'run')} none ends near an "
+                "orbit; give other runs, or a longer t_end"
+            )
+        found = pd.concat(tables, ignore_index=True)
+        found.attrs = tables[0].attrs
+        return found
 
     def show(
         self,

@@ -17,6 +17,7 @@ from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
 from rattlesweep.system.console import Bar
 from rattlesweep.words.defaults import (
+    PATCH_FRICTION,
     VERDICT_PUSH,
     VERDICT_SPINS,
     VERDICT_STONES,
@@ -71,29 +72,43 @@ class Verdict:
         Whether the tighter run and all samples agree on whether it turns back, and the
         error is below 1e-3 of the time.
 
-    `remarks` are sentences on what the table does not show.
+    `remarks` are sentences on what the table does not show.  `advice`, a DataFrame,
+    says what would make launches turn back with all friction, each by a run:
+
+    ``direction``, ``spin_rpm``
+        The launch: the smallest spin found that turns back, or one that does not.
+    ``change``, ``value``, ``unit``, ``before``
+        ``spin``, ``skew``, ``lever`` or ``weights``, how large it must be, and is now.
+    ``words``
+        The same in words.
+    ``t_s``, ``sure``
+        When it turns back then, and whether a tighter run agrees.
     """
 
     table: pd.DataFrame
     sentence: str
     remarks: tuple[str, ...] = ()
+    advice: pd.DataFrame | None = None
     _body: Rattleback = field(repr=False, kw_only=True)
     _launches: pd.DataFrame = field(repr=False, kw_only=True)
     _losses: Mapping[str, Mapping[str, Any]] = field(repr=False, kw_only=True)
 
     def __str__(self) -> str:
-        from rattlesweep.analysis.verdict import table_as_text
+        from rattlesweep.analysis.verdict import advice_as_text, table_as_text
 
-        return f"{self.sentence}\n\n{table_as_text(self.table)}"
+        text = f"{self.sentence}\n\n{table_as_text(self.table)}"
+        if self.advice is not None and len(self.advice):
+            text += f"\n\n{advice_as_text(self.advice)}"
+        return text
 
     __repr__ = __str__
 
     def to_dict(self) -> dict[str, Any]:
         """Return the verdict as plain data, with None where the table has no number."""
-        rows = self.table.astype(object).where(self.table.notna(), None)
         return {
             "verdict": self.sentence,
-            "runs": rows.to_dict("records"),
+            "runs": _records(self.table),
+            "advice": _records(self.advice),
             "remarks": list(self.remarks),
         }
 
@@ -122,7 +137,15 @@ class Verdict:
                         friction, launch["n_i_rpm"], columns["t_s"], columns["n_rpm"]
                     )
                 )
-        return draw_verdict(self.table, curves, self.sentence, path)
+        return draw_verdict(self.table, curves, self.sentence, path, self.advice)
+
+
+def _records(table: pd.DataFrame | None) -> list[dict[str, Any]]:
+    """Return the rows of a table, with None where it has no number."""
+    if table is None:
+        return []
+    rows = table.astype(object).where(table.notna(), None).to_dict("records")
+    return [{str(name): value for name, value in row.items()} for row in rows]
 
 
 def verdict(
@@ -133,13 +156,15 @@ def verdict(
     t_end: str = VERDICT_TIME,
     samples: int = VERDICT_STONES,
     length: float | str | None = None,
+    advice: bool = True,
     progress: bool | None = None,
     **losses: Any,
 ) -> Verdict:
     """Tell whether a stone turns back in both directions, when, and how sure that is.
 
     Each spin is launched in both directions, once without friction and once with the
-    losses that are given.
+    losses that are given.  A patch that pivots also creeps: with the friction `creep`,
+    by default `mu`, or else 0.3.
 
     Parameters
     ----------
@@ -158,11 +183,13 @@ def verdict(
         any.
     length : float or str, optional
         Height of the centre of mass, which a body without a size needs.
+    advice : bool
+        Whether to look for what would make it turn back, with about a hundred runs.
     progress : bool, optional
         Whether to show a bar, by default in a terminal and in a notebook.
     **losses
-        Dissipation, as for ``fit``: ``sigma``, ``rolling``, ``pivot``, ``creep`` and
-        ``mu``, each perhaps with an error.
+        Dissipation, as for ``fit``: ``sigma``, ``rolling``, ``pivot``, ``creep``,
+        ``viscous`` and ``mu``, each perhaps with an error.
 
     Raises
     ------
@@ -175,17 +202,24 @@ def verdict(
     ...     length="12 cm", width="3 cm", height="12 mm", mass="60 g", skew="3 deg")
     >>> found = rs.verdict(stone, spin="60 rpm", pivot="54 um")
     >>> found.table[["direction", "friction", "outcome", "t_s"]].round(2)
-              direction     friction     outcome   t_s
-    0  counterclockwise         none  turns back  1.09
-    1  counterclockwise  pivot 54 um  turns back  1.07
-    2         clockwise         none  turns back  4.74
-    3         clockwise  pivot 54 um  turns back  4.73
+              direction                friction            outcome   t_s
+    0  counterclockwise                    none         turns back  1.09
+    1  counterclockwise  pivot 54 um, creep 0.3         turns back  1.08
+    2         clockwise                    none         turns back  4.74
+    3         clockwise  pivot 54 um, creep 0.3  hardly turns back  5.41
     """
     from rattlesweep.compiling.loading import listening
 
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         return verdict_on(
-            body, spin, push, t_end, samples=samples, length=length, **losses
+            body,
+            spin,
+            push,
+            t_end,
+            samples=samples,
+            length=length,
+            advice=advice,
+            **losses,
         )
 
 
@@ -197,6 +231,7 @@ def verdict_on(
     *,
     samples: int = VERDICT_STONES,
     length: float | str | None = None,
+    advice: bool = True,
     **losses: Any,
 ) -> Verdict:
     """Return a verdict as :func:`verdict` does, without a bar."""
@@ -209,14 +244,23 @@ def verdict_on(
     check_names("arguments", losses, LOSSES)
     launches = _launches(stone.body, spin, push, t_end)
     given, values, errors = _separate(losses)
+    remarks = []
+    if "pivot" in values and given.get("creep") is None and "mu" not in values:
+        # With mu the patch creeps with the friction of slides (`Dissipation`).
+        given["creep"] = values["creep"] = PATCH_FRICTION
+        remarks.append(
+            f"the friction in the patch of contact is taken as {PATCH_FRICTION:g}; "
+            "give creep, or creep 0 for a patch that does not give way"
+        )
     _require_mass(stone.body, values)
-    drawn, remarks = _drawn(stone, values, errors, samples)
+    drawn, doubts = _drawn(stone, values, errors, samples)
+    remarks += doubts
     bodies = pd.DataFrame(arguments.body_columns([each for each, _ in drawn]))
     # A size without a mass.
     bodies = bodies.dropna(axis=1, how="all")
     alternatives: dict[str, dict[str, Any]] = {NO_FRICTION: {}}
     if values:
-        words = ", ".join(f"{name} {losses[name]}" for name in values)
+        words = ", ".join(f"{name} {losses.get(name, given[name])}" for name in values)
         alternatives[words] = {name: given[name] for name in values}
     parts = []
     for friction, own in alternatives.items():
@@ -233,14 +277,59 @@ def verdict_on(
     # The two frictions of a launch follow each other.
     table = pd.concat(parts).sort_index(kind="stable").reset_index(drop=True)
     end = float(launches["t_end_s"].iloc[0])
+    rows = table[table["friction"] == friction]
+    advised = None
+    if advice:
+        advised = _advice(stone.body, values, launches, rows)
     return Verdict(
         table,
-        sentence_of(table[table["friction"] == friction], end),
+        sentence_of(rows, end),
         tuple(remarks),
+        advised,
         _body=stone.body,
         _launches=launches,
         _losses=alternatives,
     )
+
+
+def _advice(
+    body: Rattleback,
+    losses: Mapping[str, float],
+    launches: pd.DataFrame,
+    rows: pd.DataFrame,
+) -> pd.DataFrame:
+    """Return what would make launches turn back that do not, in rows with friction."""
+    import pandas as pd
+
+    from rattlesweep.analysis.verdict import SIGN_OF_DIRECTION, TURNS, outcomes
+    from rattlesweep.api.changes import Trial, changes
+
+    def tries(trials: Sequence[Trial], is_check: bool) -> pd.DataFrame:
+        bodies = pd.DataFrame(arguments.body_columns([each.body for each in trials]))
+        constants = pd.DataFrame([dict(each.losses) for each in trials])
+        its = bodies.dropna(axis=1, how="all").join(constants.rename(columns=_column))
+        its["n_i_rpm"] = [each.n_i_rpm for each in trials]
+        for name in ("omega_xy0_rpm", "t_end_s"):
+            its[name] = float(launches[name].iloc[0])
+        found = outcomes(_integrated(its, TIGHTER if is_check else VERDICT_TOL))
+        return pd.DataFrame({"turns": found["outcome"] == TURNS, "t_s": found["t_s"]})
+
+    failing: dict[str, list[float]] = {}
+    for direction in rows["direction"].unique():
+        fails = (rows["direction"] == direction) & (rows["outcome"] != TURNS)
+        sign = SIGN_OF_DIRECTION[direction]
+        failing[direction] = [sign * spin for spin in rows.loc[fails, "spin_rpm"]]
+    most = float(rows["spin_rpm"].max())
+    found = list(changes(failing, body, losses, most, tries))
+    names = ("direction", "spin_rpm", "change", "value", "unit", "before", "words")
+    table = pd.DataFrame(
+        [[getattr(each, name) for name in names] for each in found],
+        columns=pd.Index(names),
+    )
+    checked = pd.DataFrame({"turns": [], "t_s": []})
+    if found:
+        checked = tries([each.trial for each in found], True)
+    return table.assign(t_s=checked["t_s"], sure=checked["turns"].astype(bool))
 
 
 def _sized(body: object, length: float | str | None) -> MeasuredBody:

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import click
 from click import option
 
-from rattlesweep.cli import bodies, courses, exports, fits, sweeps, verdict
+from rattlesweep.cli import bodies, courses, exports, fits, orbits, sweeps, verdict
 from rattlesweep.cli.options import (
     COMMANDS,
     DONE,
@@ -28,7 +28,16 @@ from rattlesweep.system.processors import SettingError
 from rattlesweep.system.shipped import address
 from rattlesweep.words.errors import ConfigError, OutputError
 
-__all__ = ["bodies", "courses", "exports", "fits", "main", "sweeps", "verdict"]
+__all__ = [
+    "bodies",
+    "courses",
+    "exports",
+    "fits",
+    "main",
+    "orbits",
+    "sweeps",
+    "verdict",
+]
 
 PAGES = [
     ("tutorial", "from installation to a map"),

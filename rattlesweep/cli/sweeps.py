@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 import shutil
+import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -425,15 +426,32 @@ def slurm(
     click.echo(script, nl=False)
 
 
-@command("Sweeps", "rattlesweep schema > rattlesweep.schema.json")
+@command(
+    "Sweeps",
+    "rattlesweep schema > rattlesweep.schema.json",
+    "rattlesweep schema --json verdict",
+)
 @option("--case", is_flag=True, help="That of the documents that `export` writes.")
-def schema(case: bool) -> None:
+@option(
+    "--json",
+    "document",
+    type=options.DOCUMENT_CHOICE,
+    help="That of what a command prints by --json.",
+)
+def schema(case: bool, document: str | None) -> None:
     """Print the JSON Schema of the config."""
-    from rattlesweep.analysis.engines.case import case_schema
     from rattlesweep.config.read import config_json_schema
 
+    if case and document is not None:
+        raise ConfigError("--case and --json are two schemas; ask for one of them")
     if case:
+        from rattlesweep.analysis.engines.case import case_schema
+
         click.echo(to_json(case_schema()))
+    elif document is not None:
+        from rattlesweep.analysis.documents import document_schema
+
+        click.echo(to_json(document_schema(document)))
     else:
         click.echo(to_json(config_json_schema()))
 
@@ -488,6 +506,7 @@ def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
     "rattlesweep plot out/steady --kind scatter --x K_r "
     "--where 'type == \"R\" and t_r < 2e3'",
     "rattlesweep plot out/steady --kind fractions --x xi --data xi.csv",
+    "rattlesweep plot out/steady --kind times --panels n_i --labels german.yaml",
     "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
 )
 @options.directory
@@ -505,6 +524,11 @@ def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
     help="Numeric column for a map, a distribution or the ordinate of a scatter.",
 )
 @option("--colour", metavar="COLUMN", help="Numeric column that colours a scatter.")
+@option(
+    "--panels",
+    metavar="COLUMN",
+    help="What the config varies, each value in a panel of its own, as in n_i.",
+)
 @option(
     "--select",
     metavar="NAME=VALUES",
@@ -540,6 +564,11 @@ def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
     show_default=False,
     help="Leave out the sentences below the figure.",
 )
+@option(
+    "--labels",
+    type=options.FILE,
+    help="A YAML file with other texts for the figure, as in 'ylabel: Anteil'.",
+)
 @option("--title", help="Title of the figure; may hold formulas, as in '$n_i$'.")
 @options.file(
     "--output",
@@ -554,6 +583,7 @@ def plot(
     style: str | None,
     output: tuple[Path, ...],
     data: Path | None,
+    labels: Path | None,
     **given: Any,
 ) -> None:
     """Plot a sweep: fractions of types, reversal times, a map of a grid.
@@ -561,6 +591,7 @@ def plot(
     Works at any time, even while the sweep is running. A map shows the mean of a column
     by colours, a distribution its histogram. Prints the paths of the files it writes.
     """
+    from rattlesweep.analysis.labels import read_labels
     from rattlesweep.analysis.layout import read_layout
     from rattlesweep.analysis.plots import choose_picture
     from rattlesweep.analysis.style import save_figure, save_table, styled
@@ -568,6 +599,7 @@ def plot(
     probe_files(*output, data)
     names = ("title", "log", "size", "xlim", "ylim", "caption")
     looks = {name: given.pop(name) for name in names}
+    looks["labels"] = read_labels(labels)
     paths = list(output)
     with styled(style):
         picture = choose_picture(read_layout(directory), **given)
@@ -579,6 +611,57 @@ def plot(
         paths.append(data)
     tell(*paths)
     say(f"{picture.name}: {counted(len(picture), 'run')}")
+
+
+@command(
+    "Results of a sweep",
+    "rattlesweep table out/steady --output runs.csv",
+    "rattlesweep table out/steady --columns n_i,t_r,type --where 'type == \"R\"'",
+    "rattlesweep table out/steady --output runs.arrow",
+)
+@options.directory
+@option(
+    "--columns",
+    type=options.NAME_LIST,
+    help="Columns in this order, as in n_i,t_r,type; by default all.",
+)
+@options.where
+@option(
+    "--units",
+    is_flag=True,
+    help="Write units into the head of a CSV, as in 't_r [sqrt(a/g)]'.",
+)
+@options.file(
+    "--output",
+    ".csv",
+    ".parquet",
+    ".arrow",
+    help="File to write; without it, CSV goes to standard output.",
+)
+def table(
+    directory: Path,
+    columns: tuple[str, ...] | None,
+    where: str | None,
+    units: bool,
+    output: Path | None,
+) -> None:
+    """Write the runs of a sweep as one table: CSV, Parquet, or Arrow.
+
+    A row is a run, in order of case and sample; docs/columns.md lists the columns. In
+    CSV a null is an empty cell. Works at any time, even while the sweep is running, and
+    with little memory. Prints the path of the file.
+    """
+    from rattlesweep.analysis.table import chosen_batches, schema_of, write_rows
+    from rattlesweep.store.rows import open_stored
+
+    probe_files(output)
+    stored = open_stored(directory)
+    schema = schema_of(stored, columns)
+    batches = chosen_batches(stored, schema, where)
+    rows = write_rows(batches, schema, output, sys.stdout.buffer, units)
+    if output is not None:
+        tell(output)
+    say(counted(rows, "run"))
 
 
 @command(

@@ -62,6 +62,14 @@ from rattlesweep.words.quantities import LOSSES
     default=VERDICT_STONES,
     help="Stones drawn from the errors of what was measured.",
 )
+@option(
+    "--no-advice",
+    "advice",
+    flag_value=False,
+    default=True,
+    show_default=False,
+    help="Do not look for what would make it turn back.",
+)
 @options.body_options
 @option(
     "--length",
@@ -79,6 +87,7 @@ def verdict(
     t_end: str,
     samples: int,
     length: float | None,
+    advice: bool,
     figure: Path | None,
     as_json: bool,
     quiet: bool,
@@ -90,7 +99,8 @@ def verdict(
     describe the body. Each launch runs without friction, and once more with the
     friction of STONE or of the options.  It turns back if the spin on the other side
     exceeds a quarter of the launch.  Where STONE has errors, as in 60 +- 1 g, stones
-    drawn from them tell how sure the verdict is. docs/verdict.md explains the table.
+    drawn from them tell how sure the verdict is. At the end, the table says what would
+    make it turn back, each by a run. docs/verdict.md explains the tables.
     Exits with 3 if a run ends with a status other than ok, as where a stone rolls past
     its rim.
     """
@@ -103,7 +113,14 @@ def verdict(
     losses = pick(known, *LOSSES) | losses
     with names_of_options(("spin", "push", "t_end", "samples", "length", *LOSSES)):
         found = verdict_on(
-            body, spin, push, t_end, samples=samples, length=length, **losses
+            body,
+            spin,
+            push,
+            t_end,
+            samples=samples,
+            length=length,
+            advice=advice,
+            **losses,
         )
     if as_json:
         click.echo(to_json(found.to_dict()))

@@ -5,7 +5,7 @@ import math
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.analysis.advice import WEIGHT_SHARE, weights_for_skew
+from rattlesweep.analysis.advice import WEIGHT_SHARE, weights_for_skew, with_weights
 from rattlesweep.physics.mesh import shapes
 from rattlesweep.physics.mesh.printing import write
 
@@ -53,3 +53,21 @@ def test_two_weights_on_a_mesh(given, tmp_path):
 def test_no_weights_where_none_can_lie():
     assert weights_for_skew(rs.Rattleback.gh()) is None
     assert weights_for_skew(rs.Rattleback.kl()) is None
+
+
+@pytest.mark.parametrize("given", [2.0, -6.0])
+def test_the_body_with_two_weights_is_that_made_with_them(given):
+    body = rs.Rattleback.half_ellipsoid(**SIZES, skew=math.radians(given))
+    advice = weights_for_skew(body)
+    found = with_weights(body, advice)
+    made = rs.Rattleback.half_ellipsoid(
+        **SIZES,
+        skew=math.radians(given),
+        weights=f"{float(advice.mass)!r} kg",
+        at=[f"{float(each)!r} m" for each in advice.place],
+    )
+    for name in ("alpha", "beta", "gamma", "theta", "phi", "xi", "c", "rim"):
+        assert getattr(found, name) == pytest.approx(getattr(made, name), rel=1e-9)
+    for name in ("mass", "length", "gravity"):
+        wanted = getattr(made.units, name)
+        assert getattr(found.units, name) == pytest.approx(wanted, rel=1e-12)

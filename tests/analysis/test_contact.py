@@ -41,6 +41,24 @@ def test_reference_stones(body, materials, mean_radius, seconds):
     assert patch.lever == pytest.approx(patch.pivot * units.length, rel=1e-15)
 
 
+def test_creep_goes_with_the_lever():
+    """It takes ``c lever / mu^2``, so more the lower the friction is."""
+    modes = rs.modes(LARGE)
+    for mu in (0.2, 0.3):
+        patch = rs.contact_patch(LARGE, ("PLA", "glass"), mu=mu)
+        assert patch.creep == mu
+        strength = 128 / (9 * np.pi**2) * patch.pivot / mu**2
+        inertia = LARGE.alpha * np.cos(modes.psi_r) ** 2
+        inertia += LARGE.beta * np.sin(modes.psi_r) ** 2
+        taken = strength * modes.omega_r**2 / inertia
+        assert modes.K_r - patch.K_r_creep == pytest.approx(taken, rel=1e-12)
+    slight = rs.Rattleback.half_ellipsoid(
+        length="12 cm", width="3 cm", height="12 mm", mass="60 g", skew="0.3 deg"
+    )
+    remarks = rs.contact_patch(slight, ("PLA", "wood"), mu=0.2).remarks
+    assert any("no steady spin turns back" in remark for remark in remarks)
+
+
 @pytest.mark.slow
 def test_a_lever_is_an_argument_of_a_run():
     lever = rs.contact_patch(LARGE, ("PLA", "glass")).pivot

@@ -85,9 +85,10 @@ def test_scipy_with_another_program_finds_the_same_crossings():
             ["n", "E_r"],
             marks=pytest.mark.slow,
         ),
-        (
+        pytest.param(
             {"n_i": 0.3, "omega_xy0": 0.1, "t_end": 60.0, "mu": 0.1},
             ["omega_y", "v_slip"],
+            marks=pytest.mark.slow,
         ),
         pytest.param(
             SMALL | {"rolling": 1e-3}, ["omega_y", "energy"], marks=pytest.mark.slow

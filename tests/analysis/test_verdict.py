@@ -1,6 +1,7 @@
 """`verdict`: its table against the same launches one by one, its words, refusals."""
 
 import json
+import math
 import re
 
 import numpy as np
@@ -27,7 +28,7 @@ SENSES = {"counterclockwise": 1, "clockwise": -1}
 
 @pytest.fixture(scope="module")
 def found():
-    return rs.verdict(BODY, pivot="54 um", progress=False)
+    return rs.verdict(BODY, pivot="54 um", creep=0, progress=False)
 
 
 def test_the_table_is_that_of_single_runs(found):
@@ -85,7 +86,12 @@ def test_a_figure(found, tmp_path):
 def test_stones_within_the_errors():
     stone = STONE | {"skew": "3 +- 0.2 deg", "height": "12 +- 0.1 mm"}
     found = rs.verdict(
-        stone, spin=["60 rpm"], samples=32, pivot="54 +- 5 um", progress=False
+        stone,
+        spin=["60 rpm"],
+        samples=32,
+        pivot="54 +- 5 um",
+        creep=0,
+        progress=False,
     )
     rows = found.table.set_index(["direction", "friction"])
     assert (rows["samples"] == 32).all()
@@ -108,6 +114,17 @@ def test_stones_within_the_errors():
         assert low * 0.9 < run.t_r_s < high * 1.1
 
 
+def test_a_patch_that_pivots_also_creeps():
+    """With `mu`, or else with 0.3; GH is in the kernel of test_creep."""
+    launch = {"length": "1 cm", "spin": "30 rpm", "t_end": "20 s", "progress": False}
+    found = rs.verdict("GH", pivot="60 um", **launch)
+    assert list(found.table["friction"].unique()) == ["none", "pivot 60 um, creep 0.3"]
+    assert "friction in the patch of contact is taken as 0.3" in found.remarks[0]
+    given = rs.verdict("GH", pivot="60 um", creep=0.3, **launch)
+    assert given.remarks == ()
+    pd.testing.assert_frame_equal(given.table, found.table)
+
+
 def test_samples_that_are_no_stones():
     stone = STONE | {"height": "12 +- 8 mm"}
     found = rs.verdict(stone, spin="60 rpm", samples=16, t_end="2 s", progress=False)
@@ -123,6 +140,65 @@ def test_a_stone_that_rolls_past_its_rim():
         "Turns back when spun counterclockwise at 150 rpm, after 1.6 s, but rolls past "
         "its rim at 250 rpm."
     )
+
+
+def turns_back(spin, **losses):
+    """Whether a launch by itself passes a quarter of its spin on the other side."""
+    run = rs.trajectory(
+        BODY, n_i=f"{spin} rpm", omega_xy0="6 rpm", t_end="20 s", points=2000, **losses
+    )
+    other_side = -math.copysign(1, spin) * run.table["n_rpm"].to_numpy()
+    return bool(other_side.max() > abs(spin) / 4), run.reversals
+
+
+def test_what_would_change_it(found):
+    """Each row turns back in a run of its own, and the launch before it does not."""
+    advice = found.advice.set_index(["direction", "change"])
+    assert found.advice["sure"].all()
+    for direction, sign in SENSES.items():
+        row = advice.loc[direction, "spin"]
+        spin = sign * row["spin_rpm"]
+        turns, reversals = turns_back(spin, pivot="54 um")
+        assert turns
+        assert row["t_s"] == pytest.approx(reversals[0] * BODY.units.time, rel=1e-6)
+        assert not turns_back(0.97 * spin, pivot="54 um")[0]
+    # All launches turn back in one direction, and that at 30 rpm does not in the other.
+    assert list(advice.loc["counterclockwise"].index) == ["spin"]
+    lever = advice.loc["clockwise", "lever"]
+    assert (lever["spin_rpm"], lever["before"], lever["unit"]) == (30, 54, "um")
+    assert 0 < lever["value"] < 54
+    assert turns_back(-30, pivot=f"{lever['value']} um")[0]
+    assert not turns_back(-30, pivot=f"{1.1 * lever['value']} um")[0]
+    assert f"a lever of {lever['value']:g} um instead of 54 (" in lever["words"]
+    text = str(found)
+    for words in found.advice["words"]:
+        assert words in text
+    assert found.to_dict()["advice"] == found.advice.astype(object).where(
+        found.advice.notna(), None
+    ).to_dict("records")
+    caption = found.plot()._supxlabel.get_text().replace("\n", " ")
+    assert "Spun clockwise at 30 rpm, a lever of" in caption
+
+
+def test_a_larger_skew_or_weights_that_would_do_it():
+    little = STONE | {"skew": "0.9 deg"}
+    found = rs.verdict(little, spin="60 rpm", t_end="8 s", progress=False)
+    row = found.table.set_index("direction").loc["clockwise"]
+    assert row["outcome"] != "turns back"
+    advice = found.advice.set_index(["direction", "change"])
+    skew = advice.loc["clockwise", "skew"]
+    assert skew["before"] == pytest.approx(0.9)
+    for factor, outcome in ((1.0, True), (0.95, False)):
+        stone = STONE | {"skew": f"{factor * float(skew['value'])!r} deg"}
+        again = rs.verdict(
+            stone, spin="60 rpm", t_end="8 s", advice=False, progress=False
+        )
+        turned = again.table.set_index("direction").loc["clockwise", "outcome"]
+        assert (turned == "turns back") == outcome
+        assert again.advice is None
+    weights = advice.loc["clockwise", "weights"]
+    assert "two weights of 2 g at" in weights["words"]
+    assert weights["sure"]
 
 
 def rows_of(outcomes, direction="clockwise", times=(1.0, 2.0, 3.0)):
@@ -196,7 +272,9 @@ def test_the_command(tmp_path):
     assert text == other
     assert text.startswith("Turns back when spun counterclockwise at 60 rpm, after 1.1")
     file = tmp_path / "stone.yaml"
-    file.write_text(f"body: {json.dumps(STONE)}\ndissipation: {{pivot: 54 um}}\n")
+    file.write_text(
+        f"body: {json.dumps(STONE)}\ndissipation: {{pivot: 54 um, creep: 0}}\n"
+    )
     data = json.loads(invoke("verdict", file, "--json", *launch).stdout)
     assert {run["friction"] for run in data["runs"]} == {"none", "pivot 54 um"}
     assert data["runs"][0]["held_s"] is None
@@ -234,6 +312,6 @@ def test_the_page(tmp_path):
     file.write_text(re.search(r"```yaml\n(.*?)```", page, re.DOTALL)[1])
     printed = invoke("verdict", file).stdout
     texts = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
-    shown = [text for text in texts if text.startswith("Turns back")]
+    shown = [text for text in texts if text.startswith(("Turns back", "what would"))]
     error = re.compile(r"\de-\d\d")
-    assert [error.sub("", text) for text in shown] == [error.sub("", printed)]
+    assert error.sub("", "\n".join(shown)) == error.sub("", printed)

@@ -8,6 +8,7 @@ import sys
 import tomllib
 from importlib.metadata import metadata
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from packaging.requirements import Requirement
@@ -55,8 +56,11 @@ COMMANDS = {
     "merge",
     "replay",
     "show",
+    "orbit",
+    "branch",
     "export",
     "plot",
+    "table",
     "report",
     "slurm",
     "schema",
@@ -258,6 +262,66 @@ def test_a_bar_is_shown_in_a_terminal_only(monkeypatch, capfd):
         with console.Bar.of_command(quiet) as bar:
             bar.counting("integrating")(0.5)
         assert ("integrating" in capfd.readouterr().err) == (terminal and not quiet)
+
+
+def test_a_log_that_is_no_terminal_gets_a_line_a_minute(monkeypatch, capfd):
+    now = [0.0]
+    monkeypatch.setattr("sys.stderr.isatty", lambda: False)
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    with console.Bar.of_command() as bar:
+        for second in range(200):
+            now[0] = float(second)
+            bar(SimpleNamespace(fraction=second / 200, runs=10 * second, left=7.0))
+    assert capfd.readouterr().err.splitlines() == [
+        "30.0 %, 600 runs done, 1:00, 0:07 left",
+        "60.0 %, 1,200 runs done, 2:00, 0:07 left",
+        "90.0 %, 1,800 runs done, 3:00, 0:07 left",
+    ]
+
+
+GH = (
+    "bodies: {source: preset, name: GH}\nspin: {n_i: 0.1, omega_xy0: 0.1}\n"
+    "record: [error]\noutput: out\n"
+)
+
+
+def test_compile_only_writes_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "c.yaml").write_text(GH)
+    done = invoke("run", "c.yaml", "--compile-only")
+    assert (done.exit_code, done.stdout) == (0, "")
+    assert done.stderr.endswith("the kernels are compiled\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["c.yaml"]
+
+
+@pytest.mark.slow
+def test_a_run_after_compile_only_compiles_nothing(tmp_path):
+    """On a node, all kernels come from a cache that was filled elsewhere."""
+    (tmp_path / "c.yaml").write_text(GH)
+    cache = tmp_path / "cache"
+    cache.mkdir(mode=0o700)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
+
+    def run(*options: str) -> tuple[str, dict[str, bytes]]:
+        done = subprocess.run(
+            [PROGRAM, "run", "c.yaml", *options],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        files = {str(p): p.read_bytes() for p in cache.rglob("*") if p.is_file()}
+        return done.stderr, files
+
+    said, compiled = run("--compile-only")
+    assert console.COMPILING in said
+    assert compiled
+    for options in (("--compile-only",), ()):
+        said, files = run(*options)
+        assert console.COMPILING not in said
+        assert files == compiled
+    assert (tmp_path / "out" / "summary.parquet").exists()
 
 
 @pytest.mark.parametrize("name", ["mine", "true", "a: b", "ä"])

@@ -9,8 +9,8 @@ PACKAGE = CONFIGS.parent / "rattlesweep"
 # Names that stand in two modules or more, and why each is one thing.
 SAME = {
     "a command and its call in Python": """
-        classify compare export fit merge replay sensitivity show status trajectory
-        verdict verify
+        branch classify compare export fit merge orbit replay sensitivity show status
+        trajectory verdict verify
     """,
     "a formula for numbers and for bodies": "bondi_threshold growth_rates modes",
     "the same quantity in other variables": """
@@ -24,7 +24,9 @@ SAME = {
 
 def test_a_public_name_means_one_thing():
     modules = defaultdict(set)
-    for path in PACKAGE.rglob("*.py"):
+    # The adapters of engines have equal names, and their files run by themselves.
+    own = [path for path in PACKAGE.rglob("*.py") if path.parent.name != "adapters"]
+    for path in own:
         for node in ast.parse(path.read_text("utf-8")).body:
             for name in _defined(node):
                 if not name.startswith("_"):

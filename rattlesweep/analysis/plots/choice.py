@@ -35,19 +35,30 @@ def choose_picture(
     colour: str | None = None,
     select: Sequence[str] = (),
     where: str | None = None,
+    panels: str | None = None,
 ) -> Picture:
     """Return the picture of a kind, by default the one that suits the sweep."""
     layout = _selected(layout, select, where)
+    if panels is not None:
+        panels = layout.key(panels, f"panels {panels}")
     if kind is None:
         kind = _suitable_kind(layout, x, quantity)
     if colour is not None:
         if kind != "scatter":
             raise ConfigError(f"colour: goes with kind scatter, not {kind}")
         layout.column(colour, "colour")  # raises if there is none
+    if panels is not None:
+        if kind in ("distribution", "scatter"):
+            raise ConfigError(
+                f"panels: kind {kind} has one panel; leave panels out, or choose "
+                "another kind, such as fractions or times"
+            )
+        if x is not None and _is_axis(layout, x) and layout.key(x, "x") == panels:
+            raise ConfigError(f"panels {panels}: it is x, too; choose another one")
     if kind == "fractions" and x is not None and not _is_axis(layout, x):
         if quantity is not None:
             raise ConfigError("quantity: kind fractions counts types; leave it out")
-        return BinnedFractions(layout, kind, x, quantity)
+        return BinnedFractions(layout, kind, x, quantity, panels)
     if x is not None and kind != "scatter":
         x = layout.key(x, f"x {x}")
     fitting = fitting_kinds(layout)
@@ -69,30 +80,34 @@ def choose_picture(
             quantity = "reversals_sure"
     if quantity is not None:
         layout.column(quantity, "quantity")  # raises if there is none
-    picture = _of_few_panels(layout, kind, x, quantity)
+    picture = _of_few_panels(layout, kind, x, quantity, panels)
     picture.colour = colour
     return picture
 
 
 def _of_few_panels(
-    layout: SweepLayout, kind: str, x: str | None, quantity: str | None
+    layout: SweepLayout,
+    kind: str,
+    x: str | None,
+    quantity: str | None,
+    panels: str | None,
 ) -> Picture:
     """Return the picture, with the longest axis inside or some values left out where
     there would be too many panels.
     """
-    picture = FIGURE_KINDS[kind](layout, kind, x, quantity)
+    picture = FIGURE_KINDS[kind](layout, kind, x, quantity, panels)
     if picture.count <= MOST_PANELS:
         return picture
-    if x is None and picture.inside:
+    if x is None and panels is None and picture.inside:
         longest = max(layout.axes, key=lambda name: layout.lengths[name])
-        picture = FIGURE_KINDS[kind](layout, kind, longest, quantity)
+        picture = FIGURE_KINDS[kind](layout, kind, longest, quantity, panels)
         x = longest
     left_out = []
     while picture.count > MOST_PANELS:
         axis = max((*picture.rows, *picture.columns), key=lambda axis: len(axis.values))
         layout = layout.select([f"{axis.name}={float(axis.values[0])!r}"])
         left_out.append(axis.name)
-        picture = FIGURE_KINDS[kind](layout, kind, x, quantity)
+        picture = FIGURE_KINDS[kind](layout, kind, x, quantity, panels)
     if left_out:
         names = " and ".join(left_out)
         picture.doubts.append(f"Only the first {names} is shown; select others.")

@@ -19,7 +19,6 @@ from rattlesweep.analysis.plots.picture import (
     Handle,
     Panel,
     Picture,
-    ordered,
     scale,
     within,
 )
@@ -45,6 +44,9 @@ class BinnedFractions(Picture):
         lengths = self.layout.lengths
         few = [name for name in self.layout.several if lengths[name] <= _FEW]
         launch = [name for name in few if name in LAUNCH_COLUMNS]
+        launch = [name for name in launch if name not in self.wished]
+        if self.wished:
+            return Arrangement([], launch, self.wished)
         rows = [name for name in launch if name == "omega_xy0"]
         return Arrangement([], rows, [name for name in launch if name not in rows])
 
@@ -82,16 +84,15 @@ class BinnedFractions(Picture):
         log_x = bool(low > 0 and high > WIDE * low) if log is None else log
         entries: dict[str, Handle] = {}
         panel_axes = [*self.rows, *self.columns]
-        for axes, place in panels:
+        for axes, place, is_lowest in panels:
             here = table
             for axis, k in zip(panel_axes, place, strict=True):
                 here = here[here[axis.name] == axis.values[k]]
             self._stack(axes, here, column, entries)
             style.scale_axis(axes, "x", (low, high), log_x, column)
-            position = axes.get_subplotspec()
-            if position is None or position.is_last_row():
+            if is_lowest:
                 axes.set_xlabel(label(str(self.x), self.unit))
-            axes.set(ylim=(0, 1), yticks=[0, 0.5, 1])
+            axes.set(ylim=(0, 1), yticks=self.ticks)
             if low < high:
                 axes.set_xlim(low, high)
         self.ylabel = "fraction of runs"
@@ -147,7 +148,9 @@ class Fractions(Picture):
 
     def arrange(self) -> Arrangement:
         """Make the oscillation, or else one of several further axes, the rows."""
-        first, *rest = ordered(self.layout, self.x, ENOUGH)
+        first, *rest = self.ordered(ENOUGH)
+        if self.wished:
+            return Arrangement([first], rest, self.wished)
         rest.sort(key=lambda name: (name != "omega_xy0", name not in LAUNCH_COLUMNS))
         rows = 0
         if len(rest) > 1 or rest == ["omega_xy0"]:
@@ -170,7 +173,7 @@ class Fractions(Picture):
             # Where theory is right, its share ends at the border of steady spinning.
             names.remove("SS")
             names.insert(0, "SS")
-        for axes, place in panels:
+        for axes, place, _ in panels:
             self._stack(axes, place, names, entries)
             if has_bondi:
                 [triangles] = axes.plot(
@@ -189,7 +192,7 @@ class Fractions(Picture):
             if len(x.values) < _FEW:
                 _tick_each(axes, x)
             ends = x.stretches[0][1][0], x.stretches[-1][1][-1]
-            axes.set(xlim=ends, ylim=(0, 1), yticks=[0, 0.5, 1])
+            axes.set(xlim=ends, ylim=(0, 1), yticks=self.ticks)
         self.ylabel = "fraction of bodies"
         self.notes.append(
             "Fractions of the runs with status ok, with 95 % intervals (Wilson)."
@@ -254,11 +257,26 @@ def _draw_intervals(axes: Axes, x: Floats, count: Floats, ok: NDArray[Any]) -> N
 
 
 def _tick_each(axes: Axes, x: Axis) -> None:
-    """Write each value at the abscissa, upright if there is not enough room."""
-    texts = [f"{value:.4g}".replace("-", "−") for value in x.values]
+    """Write the values at the abscissa, the ends first where there is little room."""
+    words = [style.number_text(value) for value in x.values]
     grid: Any = axes.get_gridspec()
-    # In points; a letter is about 7 points wide.
-    width = 72 * grid.figure.get_figwidth() / grid.ncols
-    letter = 0.75 * float(mpl.rcParams["font.size"])
-    crowded = letter * len("  ".join(texts)) > width
-    axes.set_xticks(x.values, texts, rotation=90 if crowded else 0)
+    # In points; a letter is about 0.62 of the size of the font wide.
+    width = 72 * (grid.figure.get_figwidth() - 1.2) / grid.ncols
+    letter = 0.62 * float(mpl.rcParams["font.size"])
+    low, high = x.edges[[0, -1]]
+    places = (x.values - low) / (high - low)
+    if axes.get_xscale() == "log":
+        places = np.log(x.values / low) / np.log(high / low)
+    shown: list[int] = []
+    ends = (0, len(words) - 1)
+    for k in sorted(range(len(words)), key=lambda k: k not in ends):
+        half = letter * (len(words[k]) + 1) / 2
+        if all(
+            abs(places[k] - places[other]) * width
+            > half + letter * (len(words[other]) + 1) / 2
+            for other in shown
+        ):
+            shown.append(k)
+    axes.set_xticks(
+        x.values, [word if k in shown else "" for k, word in enumerate(words)]
+    )

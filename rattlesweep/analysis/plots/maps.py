@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -20,7 +21,6 @@ from rattlesweep.analysis.plots.picture import (
     Handle,
     Panel,
     Picture,
-    ordered,
     scale,
     within,
 )
@@ -31,6 +31,8 @@ from rattlesweep.words.errors import ConfigError
 _ENDS = (0.5, 99.5)  # percentiles at which the colour scale ends
 MOST_DRAWN = 1200  # values along a side; a panel has fewer pixels
 WIDE_RATIO = 4.0  # ratios are nearer to each other than other quantities
+TYPES_SIDE = "types"
+VALUES = "values"
 BONDI = "Bondi's threshold"
 # Columns that count turns, with the label of none.
 NO_TURNS = {"n_turns": "no turns", "reversals_sure": "no confirmed turns"}
@@ -74,12 +76,9 @@ class Map(Picture):
         """Make the two longest axes the plane."""
         layout = self.layout
         # Bondi's line needs one body in a cell, and a steady spin that lasts.
-        self.has_theory = bool(layout.bodies) and not layout.stored.config.dissipation
+        self.has_theory = bool(layout.bodies) and not layout.stored.config.acting
         means = []
-        if self.quantity is None:
-            self.parts = 2
-        else:
-            self.parts = 1
+        if self.quantity is not None:
             means.append(self.quantity)
         if self.has_theory:
             means += ["n_c1", "n_i"]
@@ -88,12 +87,16 @@ class Map(Picture):
 
     def _plane(self) -> Arrangement:
         """Return the two longest axes as the plane."""
-        order = ordered(self.layout, self.x, SIDE)
+        order = self.ordered(SIDE)
         if self.layout.lengths[order[0]] < 2:
             raise ConfigError(
                 f"kind {self.name}: only one value of {order[0]} is left; it needs two"
             )
-        return Arrangement(order[:2], order[2:], [])
+        if len(order) < 2:
+            raise ConfigError(
+                f"panels {self.panels}: one axis is left for a map; it needs two"
+            )
+        return Arrangement(order[:2], [*self.wished, *order[2:]], [])
 
     def shown(self) -> Cells:
         """Return what is drawn of each cell."""
@@ -122,6 +125,25 @@ class Map(Picture):
         done = self.grid(runs) > 0
         return Cells(fill(code, done), fill(value, done), fill(beyond, done))
 
+    @property
+    def parts(self) -> int:
+        """The number of panels side by side for each combination of values."""
+        return len(self.sides)
+
+    @cached_property
+    def sides(self) -> tuple[str, ...]:
+        """What the panels show, without those that would have a single colour."""
+        if self.quantity is not None:
+            return (VALUES,)
+        cells = self.shown()
+        known = cells.value[np.isfinite(cells.value)]
+        sides = []
+        if len(np.unique(cells.code)) > 1 or not len(known):
+            sides.append(TYPES_SIDE)
+        if len(np.unique(known)) > 1 or not sides:
+            sides.append(VALUES)
+        return tuple(sides)
+
     def told(self) -> tuple[str, str]:
         """Return the words and the column for what reverses, or for the quantity."""
         if self.quantity is None:
@@ -141,13 +163,13 @@ class Map(Picture):
         colours = self._colours(cells.value)
         mesh: QuadMesh | None = None
         has_bondi = False
-        for k, (axes, place) in enumerate(panels):
+        for k, (axes, place, _) in enumerate(panels):
             here = Cells(
                 within(cells.code, place)[self.drawn],
                 within(cells.value, place)[self.drawn],
                 within(cells.beyond, place)[self.drawn],
             )
-            of_types = self.quantity is None and k % 2 == 0
+            of_types = self.sides[k % self.parts] == TYPES_SIDE
             self._draw_states(axes, here, of_types)
             if not of_types:
                 mesh = axes.pcolormesh(
@@ -158,7 +180,10 @@ class Map(Picture):
                 )
             has_bondi |= self._draw_bondi(axes, here.beyond)
             self._scale(axes, log)
-        self._add_bar([axes for axes, _ in panels], mesh, colours)
+        if TYPES_SIDE not in self.sides and self.quantity is None:
+            name = list(self.states)[int(cells.code.flat[0])]
+            self.notes.append(f"All cells are of one type, {self.states[name][1]}.")
+        self._add_bar([panel.axes for panel in panels], mesh, colours)
         return self._entries(cells, has_bondi)
 
     def _thin(self) -> None:
@@ -248,8 +273,9 @@ class Map(Picture):
         mean = "mean " if several else ""
         if self.quantity is None:
             types = "most common type" if several else "type"
-            every[0].set_title(types, fontsize="medium")
-            every[1].set_title(mean + label("ratio"), fontsize="medium")
+            titles = {TYPES_SIDE: types, VALUES: mean + label("ratio")}
+            for axes, side in zip(every, self.sides, strict=False):
+                axes.set_title(titles[side], fontsize="medium")
             bar_label = mean + label("ratio")
             meaning = (
                 "t_r is the time of the first reversal, t_rGH that of Garcia and "
@@ -259,8 +285,9 @@ class Map(Picture):
             unit, description = self.layout.column(self.quantity, "quantity")
             bar_label = mean + label(self.quantity, unit)
             meaning = f"{self.quantity}: {description}."
+        if mesh is None:
+            return
         self.notes.append(meaning)
-        assert mesh is not None
         figure: Any = every[0].figure
         bar = figure.colorbar(
             mesh, ax=every, pad=0.03, aspect=35, extend=colours.extend
@@ -281,9 +308,10 @@ class Map(Picture):
         if self.layout.where is not None:
             entries["missing"] = (style.MISSING_COLOUR, "not selected")
         present = {name for k, name in enumerate(self.states) if k in cells.code}
-        if self.quantity is not None:
+        if TYPES_SIDE not in self.sides:
             present -= self.marks.keys()
-        if ((cells.code < len(self.marks)) & np.isnan(cells.value)).any():
+        is_typed = cells.code < len(self.marks)
+        if VALUES in self.sides and (is_typed & np.isnan(cells.value)).any():
             present.add("none")
         handles: list[Handle] = [
             Patch(facecolor=colour, label=text, edgecolor=style.GREY, linewidth=0.5)
@@ -305,6 +333,7 @@ class Regimes(Map):
         f"regime_{name}": mark for name, mark in REGIME_STYLE.items()
     }
     without = "unknown"
+    sides = (TYPES_SIDE,)
 
     def arrange(self) -> Arrangement:
         """Make the two longest axes the plane, without Bondi's line."""
@@ -322,7 +351,7 @@ class Regimes(Map):
         # Every regime has a value, so the legend names no missing ones.
         cells = self.shown()
         cells = cells._replace(value=np.ones(cells.code.shape))
-        for axes, place in panels:
+        for axes, place, _ in panels:
             here = cells._replace(code=within(cells.code, place)[self.drawn])
             self._draw_states(axes, here, of_types=True)
             self._scale(axes, log)

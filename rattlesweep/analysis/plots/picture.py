@@ -1,5 +1,6 @@
 """What all pictures of a sweep share: panels, headings, legends and tables."""
 
+import math
 import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
@@ -15,6 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rattlesweep.analysis import style
+from rattlesweep.analysis.labels import Labels
 from rattlesweep.analysis.layout import LAUNCH_COLUMNS, Axis, SweepLayout
 from rattlesweep.analysis.style import label, value_text
 from rattlesweep.arrays import Floats
@@ -27,6 +29,7 @@ from rattlesweep.words.names import REGIMES
 
 MOST_PANELS = 40
 LEAST_TITLED = 0.9  # inches of a panel that has room for a title
+LOW_PANEL = 0.6  # inches of a panel that has room for few ticks
 PER_INCH = 11  # letters of a heading in an inch of width
 # Values that make an axis long enough for an abscissa, and for a side of a map.
 ENOUGH = 3
@@ -35,6 +38,7 @@ SIDE = 8
 WIDE = 30.0
 # Inches: around the panels, and the smallest and the largest figure.
 MARGINS = (1.6, 1.4)
+WISHED_ACROSS = 3  # most panels side by side of those that are wished
 SMALLEST = (6.4, 3.4)
 LARGEST = 14.0
 
@@ -55,25 +59,32 @@ class Panel(NamedTuple):
 
     axes: Axes
     place: tuple[int, ...]
+    is_lowest: bool = True  # whether it has the label of the abscissa
 
 
 class Picture(ABC):
     """A picture of a sweep over `axes`; drawing it fills `notes`, the caption."""
 
     panel: ClassVar[tuple[float, float]]  # width and height of a panel in inches
-    parts = 1  # panels side by side for each combination of values
+    ticks: Sequence[float] = (0.0, 0.5, 1.0)  # of fractions
     ylabel: str  # of all panels, set by drawing
     shows = "of those selected"  # which runs the picture shows
     more: tuple[str, ...] = ()  # columns that are averaged in each cell
     colour: str | None = None  # column that colours the points of a scatter
 
     def __init__(
-        self, layout: SweepLayout, name: str, x: str | None, quantity: str | None
+        self,
+        layout: SweepLayout,
+        name: str,
+        x: str | None,
+        quantity: str | None,
+        panels: str | None = None,
     ) -> None:
         self.layout = layout
         self.name = name
         self.x = x
         self.quantity = quantity
+        self.panels = panels
         arrangement = self.arrange()
         self.rows = [layout.axes[name] for name in arrangement.rows]
         self.columns = [layout.axes[name] for name in arrangement.columns]
@@ -102,6 +113,27 @@ class Picture(ABC):
     def count(self) -> int:
         """The number of panels."""
         return len(_places(self.rows)) * len(_places(self.columns)) * self.parts
+
+    @property
+    def parts(self) -> int:
+        """The number of panels side by side for each combination of values."""
+        return 1
+
+    @property
+    def wished(self) -> list[str]:
+        """The axis whose values the caller wishes to have panels of their own."""
+        return [] if self.panels is None else [self.panels]
+
+    def ordered(self, enough: int, prefer: str = "") -> list[str]:
+        """Return the axes of several values but for the wished one; see `ordered`."""
+        names = ordered(self.layout, self.x, enough, prefer, self.panels)
+        left = [name for name in names if name != self.panels]
+        if not left:
+            raise ConfigError(
+                f"panels {self.panels}: nothing else varies that could be an abscissa; "
+                "leave panels out"
+            )
+        return left
 
     @property
     def down(self) -> list[tuple[int, ...]]:
@@ -217,38 +249,99 @@ class Picture(ABC):
         size: tuple[float, float] | None = None,
         xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
+        labels: Labels | None = None,
     ) -> Figure:
-        """Return the figure; None stands for what suits the values."""
+        """Return the figure; None stands for what suits the values.
+
+        `labels` replace texts; see :mod:`rattlesweep.analysis.labels`.
+        """
         self._check_runs()
+        size = size or style.chosen_size()
+        with style.sized(size):
+            figure = self._drawn(title, log, caption, size, xlim, ylim, labels)
+            style.separate_ticks(figure)
+        return figure
+
+    def _drawn(
+        self,
+        title: str | None,
+        log: bool | None,
+        caption: bool,
+        size: tuple[float, float] | None,
+        xlim: tuple[float, float] | None,
+        ylim: tuple[float, float] | None,
+        labels: Labels | None,
+    ) -> Figure:
+        """Return the figure, before its texts are fitted."""
         down = self.down
         across = _places(self.columns)
         # Each combination of values has as many panels as the picture has parts.
         across = [place for place in across for _ in range(self.parts)]
+        lines, columns = self._lines(len(down), len(across), size)
         if size is None:
-            width = self.panel[0] * len(across) + MARGINS[0]
-            height = self.panel[1] * len(down) + MARGINS[1]
+            width = self.panel[0] * columns + MARGINS[0]
+            height = self.panel[1] * lines + MARGINS[1]
             figure = style.new_figure(*np.clip((width, height), SMALLEST, LARGEST))
         else:
             figure = style.new_figure(*size)
-        grid = figure.subplots(
-            len(down), len(across), sharex=True, sharey=True, squeeze=False
-        )
-        self._head_panels(grid, down, across)
-        self.notes.clear()
+        if figure.get_figheight() < LOW_PANEL * lines + MARGINS[1]:
+            self.ticks = [0.0, 1.0]
+        grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
         places = [row + column for row, column in product(down, across)]
-        panels = [
-            Panel(axes, place) for axes, place in zip(grid.flat, places, strict=True)
-        ]
+        every = list(grid.flat)
+        for spare in every[len(places) :]:
+            spare.remove()
+        # The lowest panels of a column are numbered, and the others are not.
+        lowest = [place + columns >= len(places) for place in range(len(places))]
+        panels = [Panel(*each) for each in zip(every, places, lowest, strict=False)]
+        self._head_panels(panels, columns, is_wrapped=lines > len(down))
+        self.notes.clear()
         handles = self.draw(panels, log)
-        figure.supylabel(self.ylabel, fontsize="medium")
-        _limit(list(grid.flat), xlim, ylim)
+        for panel in panels[::columns]:
+            panel.axes.set_ylabel(self.ylabel)
+        _limit([panel.axes for panel in panels], xlim, ylim)
         heading = [title or "", *self._selection(figure.get_figwidth())]
+        notes = [*self.notes, *self.doubts]
+        if labels is not None:
+            labels.rename(handles)
+            heading = [labels(line) if line else "" for line in heading]
+            notes = [labels(note) for note in notes]
+            notes = [labels.role("caption", " ".join(notes))]
         style.add_legend(figure, handles, [line for line in heading if line])
-        self.notes += self.doubts
         if caption:
-            style.add_caption(figure, self.notes, grow=size is None)
-        style.separate_ticks(figure)
+            style.add_caption(figure, notes, grow=size is None)
+        if labels is not None:
+            labels.apply(figure)
         return figure
+
+    def _lines(
+        self, down: int, across: int, size: tuple[float, float] | None
+    ) -> tuple[int, int]:
+        """Return the numbers of rows and columns of panels.
+
+        Panels of one row go on in the next line where there is not enough room, or
+        where they are wished: five spins make 2 x 3 panels.
+        """
+        if down > 1 or self.parts > 1 or across == 1:
+            return down, across
+        wide, high = self.panel
+        if size is None:
+            most = int((LARGEST - MARGINS[0]) / wide)
+            if self.panels is not None and across > WISHED_ACROSS:
+                most = WISHED_ACROSS
+            columns = min(across, most)
+            # The same number of lines, as even as possible.
+            lines = math.ceil(across / columns)
+            return lines, math.ceil(across / lines)
+        width = max(size[0] - MARGINS[0] / 2, 1.0)
+        height = max(size[1] - MARGINS[1] / 2, 1.0)
+
+        def room(columns: int) -> float:
+            lines = math.ceil(across / columns)
+            return min(width / (columns * wide), height / (lines * high))
+
+        columns = max(range(across, 0, -1), key=room)
+        return math.ceil(across / columns), columns
 
     def draw_on(
         self,
@@ -258,6 +351,7 @@ class Picture(ABC):
         log: bool | None = None,
         xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
+        labels: Labels | None = None,
     ) -> None:
         """Draw the picture on axes of the caller's, if it has a single panel."""
         self._check_runs()
@@ -275,6 +369,9 @@ class Picture(ABC):
         _limit([axes], xlim, ylim)
         if title is not None:
             axes.set_title(title)
+        if labels is not None:
+            labels.rename(handles)
+            labels.apply(axes)
         if handles:
             axes.legend(handles=handles)
 
@@ -285,24 +382,35 @@ class Picture(ABC):
                 f"{self.layout.stored.directory} holds no run {self.shows}"
             )
 
-    def _head_panels(
-        self,
-        grid: NDArray[np.object_],
-        down: list[tuple[int, ...]],
-        across: list[tuple[int, ...]],
-    ) -> None:
+    def _head_panels(self, panels: list[Panel], columns: int, is_wrapped: bool) -> None:
         """Write the values of the columns above, those of the rows beside."""
+        figure: Any = panels[0].axes.figure
+        width, height = figure.get_size_inches()
         # A long text above a narrow panel is smaller.
-        width = grid[0, 0].figure.get_figwidth()
-        fontsize = "medium" if width > LEAST_TITLED * len(across) else "x-small"
-        for axes, place in zip(grid[0], across, strict=True):
-            axes.set_title(texts(self.columns, place), fontsize=fontsize)
+        small = style.small_size()
+        fontsize: str | float = "medium"
+        if width < LEAST_TITLED * columns:
+            fontsize = small
+        rows = len(self.rows)
+        for place, panel in enumerate(panels):
+            if place < columns or is_wrapped:
+                heading = texts(self.columns, panel.place[rows:])
+                panel.axes.set_title(heading, fontsize=fontsize)
+            if panel.is_lowest:
+                panel.axes.tick_params(labelbottom=True)
+            # Above an empty place, numbers are enough.
+            is_last_line = place // columns == (len(panels) - 1) // columns
+            if self.axes and is_last_line:
+                panel.axes.set_xlabel(label(self.axes[0].name))
+        if not self.rows:
+            return
         # A long text beside a low panel is smaller.
-        height = grid[0, 0].figure.get_figheight()
-        fontsize = "medium" if height > 1.6 * len(down) else "x-small"
-        for axes, place in zip(grid[:, -1], down, strict=True):
-            axes.annotate(
-                texts(self.rows, place),
+        fontsize = "medium"
+        if height < 1.6 * len(panels) / columns:
+            fontsize = small
+        for panel in panels[columns - 1 :: columns]:
+            panel.axes.annotate(
+                texts(self.rows, panel.place[:rows]),
                 (1.02, 0.5),
                 xycoords="axes fraction",
                 rotation=270,
@@ -310,9 +418,6 @@ class Picture(ABC):
                 ha="left",
                 fontsize=fontsize,
             )
-        if self.axes:
-            for axes in grid[-1]:
-                axes.set_xlabel(label(self.axes[0].name))
 
     def _selection(self, width: float) -> list[str]:
         """Return what was selected, as lines for a figure of some width in inches."""
@@ -397,16 +502,22 @@ def texts(axes: Sequence[Axis], places: Sequence[int]) -> str:
 
 
 def ordered(
-    layout: SweepLayout, first: str | None, enough: int, prefer: str = ""
+    layout: SweepLayout,
+    first: str | None,
+    enough: int,
+    prefer: str = "",
+    last: str | None = None,
 ) -> list[str]:
     """Return the axes of several values, `first` before all others, then by length.
 
     All lengths from `enough` on are alike; then `prefer` comes first, a launch last.
+    The axis `last` comes behind all.
     """
     lengths = layout.lengths
     names = sorted(
         lengths,
         key=lambda name: (
+            name == last,
             -min(lengths[name], enough),
             name != prefer,
             name in LAUNCH_COLUMNS,

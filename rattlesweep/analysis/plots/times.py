@@ -13,7 +13,6 @@ from rattlesweep.analysis.plots.picture import (
     Handle,
     Panel,
     Picture,
-    ordered,
     scale,
     texts,
     within,
@@ -50,9 +49,9 @@ class Times(Picture):
     def arrange(self) -> Arrangement:
         """Make the longest of the other axes the curves of a panel."""
         prefer = "n_i" if self.is_relative else ""
-        first, *rest = ordered(self.layout, self.x, ENOUGH, prefer)
+        first, *rest = self.ordered(ENOUGH, prefer)
         rest.sort(key=lambda name: -self.layout.lengths[name])
-        return Arrangement([first, *rest[:1]], [], rest[1:])
+        return Arrangement([first, *rest[:1]], [], [*self.wished, *rest[1:]])
 
     @property
     def is_relative(self) -> bool:
@@ -76,7 +75,7 @@ class Times(Picture):
         curves = self._curves()
         # The curves of the two directions of spin are not joined.
         stretches = [places for places, _ in x.stretches]
-        for axes, place in panels:
+        for axes, place, _ in panels:
             scale(axes, "x", x, log)
             for look in looks:
                 here = CurveValues(
@@ -85,7 +84,7 @@ class Times(Picture):
                 for stretch in stretches:
                     piece = CurveValues(*(values[stretch] for values in here))
                     self._draw_piece(axes, x.values[stretch], piece, look, log_y)
-        for axes, _ in panels:
+        for axes, *_ in panels:
             style.light_grid(axes)
             if len(x.values) == 1:
                 axes.set_xticks(x.values)
@@ -98,7 +97,7 @@ class Times(Picture):
                 highest = np.nanmax(curves.mean + curves.spread, initial=1.0)
                 axes.set_ylim(0, 1.08 * float(highest))
         self._label(len(looks))
-        handles = []
+        handles: list[Handle] = []
         shown = curves.mean
         if not self.is_relative:
             # Where nothing reverses, the theory still has a curve.
@@ -113,6 +112,8 @@ class Times(Picture):
                         name, color=look.colour, marker=look.marker, ms=4, ls="-"
                     )
                 )
+        if not self.is_relative and not np.isfinite(curves.theory).any():
+            return handles
         theory: dict[str, Any] = dict(THEORY)
         if len(x.values) == 1 and not self.is_relative:
             theory = SINGLE | {"color": style.INK}
@@ -126,12 +127,22 @@ class Times(Picture):
         return len(self.inside[1].values)
 
     def _looks(self) -> list[CurveLook]:
-        """Return the curves, no more than there are colours."""
+        """Return the curves, no more than there are markers.
+
+        A value of a sweep has its colour in all figures.
+        """
         places = np.linspace(0, self._count - 1, min(self._count, len(SERIES)))
-        return [
-            CurveLook(int(place), colour, marker)
-            for place, (colour, marker) in zip(places, SERIES, strict=False)
-        ]
+        if len(self.inside) < 2:
+            colour, marker = SERIES[0]
+            return [CurveLook(0, colour, marker)]
+        axis = self.inside[1]
+        count = len(axis.values if axis.every is None else axis.every)
+        looks = []
+        for rank, place in enumerate(places.astype(int).tolist()):
+            of_sweep = int(axis.places[place])
+            _, marker = SERIES[of_sweep if count <= len(SERIES) else rank]
+            looks.append(CurveLook(place, style.colour_of(of_sweep, count), marker))
+        return looks
 
     def _curves(self) -> CurveValues:
         """Return the values on the grid of the axes, of which the second is curves."""
