@@ -141,7 +141,7 @@ class GrowingModes:
     @property
     def K_creep(self) -> Floats:
         """The gains less what creep takes, where its sign is that of the gain."""
-        return self.gain - np.sign(self.gain) * self.creep
+        return laws.less_creep(self.gain, self.creep)
 
     @property
     def critical_lever(self) -> float:

@@ -179,12 +179,17 @@ def _slipping(config: Config) -> Iterator[Clash]:
             "pivoting is that of a foot that holds, and with viscous friction it "
             "slips; leave out viscous or pivot",
         )
+    yield from _fixed_steps(config, "viscous slip", "dissipation.viscous")
+
+
+def _fixed_steps(config: Config, motion: str, key: str) -> Iterator[Clash]:
+    """Refuse a method of fixed steps for a motion that needs others."""
     method = config.integrator.method
     if not METHODS[method].adaptive:
         yield (
             "integrator.method",
-            f"{method} cannot follow viscous slip, whose steps must adapt; take "
-            "dop853, or leave dissipation.viscous out",
+            f"{method} cannot follow {motion}, whose steps must adapt; take dop853, or "
+            f"leave {key} out",
         )
 
 
@@ -215,13 +220,7 @@ def _plane(config: Config) -> Iterator[Clash]:
 
 def _sliding(config: Config) -> Iterator[Clash]:
     """Refuse what is not defined where the foot slides."""
-    method = config.integrator.method
-    if not METHODS[method].adaptive:
-        yield (
-            "integrator.method",
-            f"{method} cannot follow a slide, whose steps must adapt; take dop853, or "
-            "leave dissipation.mu out",
-        )
+    yield from _fixed_steps(config, "a slide", "dissipation.mu")
     if "volume" in config.record:
         yield (
             "record",

@@ -160,7 +160,7 @@ def _reduced_constants(launches: Launches) -> dict[str, Any]:
     modes = launches.modes
     given = {name: launches.losses.get(name, np.zeros(1)) for name in LOSSES}
     moment_p, moment_r = theory.mode_moments(bodies.alpha, bodies.beta, modes)
-    viscous = given.get("viscous", 0.0)
+    viscous = given["viscous"]
     creep = given["pivot"], given["creep"]
     return {
         "k_p": modes.K_p,

@@ -57,6 +57,11 @@ def share_of_creep(
     return np.asarray(creep_factor(omega, moment) * ratio)
 
 
+def less_creep(K: Floats, creep: Floats) -> Floats:
+    """Return what creep leaves of a coefficient, whose sign may be any."""
+    return np.asarray(K - np.sign(K) * creep)
+
+
 def critical_lever(
     K_r: Floats, omega_r: Floats, moment: Floats, creep: ArrayLike
 ) -> Floats:

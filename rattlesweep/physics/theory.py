@@ -179,7 +179,7 @@ def loss_shares(
     `given` are the constants of dissipation by name.
     """
     sigma = given["sigma"]
-    viscous = given.get("viscous", 0.0)
+    viscous = given["viscous"]
     pitch = losses.share_of_couple(moment_p, sigma)
     roll = losses.share_of_couple(moment_r, sigma)
     return (
@@ -232,10 +232,10 @@ def creeping_coefficients(
     pitch = losses.share_of_creep(modes.omega_p, moment_p, pivot, creep)
     roll = losses.share_of_creep(modes.omega_r, moment_r, pivot, creep)
     creeps = np.asarray(creep, float) > 0
-    # Those of mirrored bodies are negative.
-    less_p = modes.K_p - np.sign(modes.K_p) * pitch
-    less_r = modes.K_r - np.sign(modes.K_r) * roll
-    return np.where(creeps, less_p, np.nan), np.where(creeps, less_r, np.nan)
+    return (
+        np.where(creeps, losses.less_creep(modes.K_p, pitch), np.nan),
+        np.where(creeps, losses.less_creep(modes.K_r, roll), np.nan),
+    )
 
 
 def slip_thresholds(
@@ -251,19 +251,15 @@ def slip_thresholds(
 
     NaN where ``viscous`` is zero, which means that nothing slips, or a ``K`` is.
     """
-    k = np.asarray(viscous, float)
-    thresholds = []
-    for omega, psi, coefficient in (
-        (modes.omega_p, modes.psi_p, modes.K_p),
-        (modes.omega_r, modes.psi_r, modes.K_r),
-    ):
-        rate = np.square(omega) / inertia_along(alpha, beta, psi)
-        growing = k * np.asarray(coefficient, float)
-        threshold = np.full(np.shape(rate / 1.0 + growing), np.nan)
-        np.divide(rate, growing, out=threshold, where=growing != 0)
-        thresholds.append(threshold)
-    pitch, roll = thresholds
-    return pitch, roll
+    moment_p, moment_r = mode_moments(alpha, beta, modes)
+    pitch = losses.share_of_slip(modes.omega_p, moment_p, viscous)
+    roll = losses.share_of_slip(modes.omega_r, moment_r, viscous)
+    slips = np.asarray(viscous, float) > 0
+    no_creep = np.asarray(0.0)
+    return (
+        np.where(slips, losses.growing_from(modes.K_p, pitch, no_creep), np.nan),
+        np.where(slips, losses.growing_from(modes.K_r, roll, no_creep), np.nan),
+    )
 
 
 def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:

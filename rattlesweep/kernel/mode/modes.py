@@ -262,12 +262,8 @@ def stays_on_plane(model: Model) -> Callable[..., bool]:
 
     @scalar
     def stays(lane):
-        error = lane.problem.model.error
         acceleration = lane.constants[place]
-        _, before = error(lane.y, lane.y, lane.constants)
-        _, after = error(lane.y1, lane.y1, lane.constants)
-        fastest = 0.5 * lane.swing + abs(lane.n0) + abs(lane.n1)
-        most = fastest * fastest * (before + after)
+        most = slides.most_of_force(lane)
         return acceleration + 2.0 * (1.0 + acceleration) * most < 1.0
 
     return stays

@@ -116,20 +116,28 @@ def hold_margin(lane, y, f):
 
 
 @scalar
-def is_calm(lane):
-    """Return whether the oscillation is too small for a slide in the step tried.
+def most_of_force(lane):
+    """Return what the squared force of an oscillation is below in the step tried.
 
     Twice its energy is ``S``, so the speed of the centre of mass is at most the root of
     ``S``, and it turns and swings no faster than ``w``, the sum of the spin and half
-    the swing, which is at most that of the slope.  So ``F_t^2`` is at most ``w^2 S``,
-    and ``F_n`` differs from 1 by a share of it.  Both are counted more than twice, as
-    ``S`` is that to second order.
+    the swing, which is at most that of the slope.  So the square is at most ``w^2 S``.
     """
     error = lane.problem.model.error
     _, before = error(lane.y, lane.y, lane.constants)
     _, after = error(lane.y1, lane.y1, lane.constants)
     fastest = 0.5 * lane.swing + abs(lane.n0) + abs(lane.n1)
-    most = fastest * fastest * (before + after)
+    return fastest * fastest * (before + after)
+
+
+@scalar
+def is_calm(lane):
+    """Return whether the oscillation is too small for a slide in the step tried.
+
+    ``F_t^2`` is at most :func:`most_of_force`, and ``F_n`` differs from 1 by a share of
+    it.  Both are counted more than twice, as it is that to second order.
+    """
+    most = most_of_force(lane)
     held = lane.mu * (1.0 - 2.0 * most)
     return (held > 0.0) & (held * held > 2.0 * most)
 

@@ -24,12 +24,12 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.compiling.loading import import_written
-from rattlesweep.kernel.method.collocation import STAGES, radau
+from rattlesweep.kernel.method.collocation import STAGES
 from rattlesweep.kernel.state.fields import LANES, Layout
 from rattlesweep.kernel.step.explicit import SEEN, span
+from rattlesweep.kernel.step.radau import METHOD
 from rattlesweep.motion.model import Model
 
-_METHOD = radau(STAGES)
 SWEEPS = 8
 # Shares of squared estimates that count as the error.  The coefficients of rates say
 # too much, and the sweeps leave less than the last one changed.  So errors at the
@@ -62,7 +62,7 @@ def real_blocks(matrix: Floats) -> tuple[Floats, list[tuple[float, float]]]:
     return np.transpose(columns), blocks
 
 
-BASIS, BLOCKS = real_blocks(_METHOD.integrals)
+BASIS, BLOCKS = real_blocks(METHOD.integrals)
 _INVERSE = np.linalg.inv(BASIS)
 
 
@@ -102,7 +102,7 @@ class _Attempt:
 
     def summed(self, component: int, stage: int, first: int, count: int) -> str:
         """Return the source of a component at a stage, summed from rates there."""
-        row = _METHOD.integrals[stage]
+        row = METHOD.integrals[stage]
         terms = {first + j * count + component: float(row[j]) for j in range(STAGES)}
         start = self.at.y + component
         return f"sums(1, {terms}, {start}, {self.at.h}, 1.0)"
@@ -250,7 +250,7 @@ class _Attempt:
         n = self.n
         body = ["y = lane.y1", "h = lane.h"]
         for name, degree in (("high", STAGES - 1), ("low", STAGES - 3)):
-            weights = _METHOD.spectrum[degree]
+            weights = METHOD.spectrum[degree]
             terms = {self.rates + j * n: float(weights[j]) for j in range(STAGES)}
             read = self.gather([f"sums({n}, {terms})"])
             body += [
