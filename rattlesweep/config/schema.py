@@ -52,7 +52,7 @@ from rattlesweep.words.quantities import (
     DRIVES,
     LOSSES,
     QUANTITIES,
-    Loss,
+    ActionConstant,
     law_of,
 )
 from rattlesweep.words.units import Quantity, Setting
@@ -138,7 +138,7 @@ class Horizon(Base):
         return end
 
 
-def loss_key(loss: Loss) -> Any:
+def loss_key(loss: ActionConstant) -> Any:
     """Return the type and the field of the key of a constant of dissipation."""
     number = Annotated[float, _within(loss.name)]
     if loss.kind:

@@ -64,7 +64,7 @@ def full_batch(launches: Launches) -> Batch:
     values: dict[str, Any] = dict(zip(full.CONSTANTS, body_constants, strict=True))
     values["k"] = surface_constant(bodies, model.surface)
     # A constant that is not given has its default beside others of its action.
-    values |= {name: loss.default for name, loss in ACTING.items()}
+    values |= {name: constant.default for name, constant in ACTING.items()}
     values |= model.fixed | launches.losses
     constants = [np.broadcast_to(values[name], count) for name in model.of_runs]
     y0 = model.at_launch(y0, values)

@@ -12,7 +12,7 @@ from rattlesweep.motion.chart import Chart
 from rattlesweep.motion.sums import ActionSum, Numbering, power_formula
 from rattlesweep.physics import slip
 from rattlesweep.physics.full import scalar
-from rattlesweep.physics.sliding import contact_at, cross
+from rattlesweep.physics.sliding import cross
 from rattlesweep.physics.surface import Formula
 
 
@@ -44,10 +44,9 @@ def slipping_parts(
         grip = grip_of(there, y, constants)
         force = force_of(there, y, constants)
         more = weight_of(there, y, constants)
-        touch, own = contact_at(
-            u, omega, r, w, inertia, torque, grip, 1.0 + more, force
+        slip_rates, turned, normal = slip.motion(
+            u, omega, r, w, inertia, torque, grip, 1.0 + more, force, k, v
         )
-        slip_rates, turned, normal = slip.motion(u, r, inertia, grip, touch, own, k, v)
         place = Whereabouts(u, omega, r, w, velocity, 0.0, slip_rates)
         gripped = max(0.0, normal)
         power = power_of(torque, grip, force, more, gripped, omega, velocity, u)

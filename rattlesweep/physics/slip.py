@@ -33,31 +33,50 @@ def along(u, first, second):
 
 
 @scalar
-def motion(u, r, inertia, drag, contact, own, k, v):
+def motion(u, omega, r, w, inertia, torque, drag, weight, force, k, v):
     """Return the rates of ``v`` and ``omega``, and the normal force.
 
-    ``contact`` and ``own`` are the values of `sliding.contact_at`, and ``drag`` is a
-    torque per unit of the normal force.
+    ``torque + N drag`` is the torque of all but the contact force, and ``force`` acts
+    at the centre of mass beside the ``weight``.  The friction is known, so that one
+    equation for ``N`` is left.
     """
+    ix, iy, iz = inertia
+    a, b, c = omega
     first, second = v
-    f1 = -k * first
-    f2 = -k * second
-    lift = contact.need - contact.ku1 * f1 - contact.ku2 * f2
+    ahead, aside = axes(u)
+    pull = fx, fy, fz = along(u, -k * first, -k * second)
+    lx, ly, lz = cross(r, pull)
+    own = o0, o1, o2 = divided(
+        (
+            (iy - iz) * b * c + torque[0] + lx,
+            (iz - ix) * c * a + torque[1] + ly,
+            (ix - iy) * a * b + torque[2] + lz,
+        ),
+        inertia,
+    )
+    cx, cy, cz = cross(omega, w)
+    # Minus the acceleration of the contact point at a constant angular velocity.
+    curl = cx - force[0], cy - force[1], cz - force[2]
+    lever = cross(r, u)
+    lift = weight + dot(u, curl) - dot(lever, own)
     # There is no drag where the plane would have to pull.
     dragged = 1.0 if lift > 0.0 else 0.0
-    normal = lift / (contact.kuu + dragged * contact.tu)
-    x = contact.free1 + contact.k11 * f1 + contact.k12 * f2
-    y = contact.free2 + contact.k12 * f1 + contact.k22 * f2
-    x += normal * (contact.ku1 + dragged * contact.t1)
-    y += normal * (contact.ku2 + dragged * contact.t2)
-    rates = x + contact.turn * second, y - contact.turn * first
-    ux, uy, uz = u
-    fx, fy, fz = along(u, f1, f2)
-    lx, ly, lz = cross(r, (normal * ux + fx, normal * uy + fy, normal * uz + fz))
-    held = dragged * normal
-    dx, dy, dz = drag
-    ax, ay, az = divided((lx + held * dx, ly + held * dy, lz + held * dz), inertia)
-    return rates, (own[0] + ax, own[1] + ay, own[2] + az), normal
+    whole = (
+        lever[0] + dragged * drag[0],
+        lever[1] + dragged * drag[1],
+        lever[2] + dragged * drag[2],
+    )
+    turned = t0, t1, t2 = divided(whole, inertia)
+    normal = lift / (1.0 + dot(lever, turned))
+    rates = o0 + normal * t0, o1 + normal * t1, o2 + normal * t2
+    ax, ay, az = cross(r, rates)
+    lacking = fx - ax - curl[0], fy - ay - curl[1], fz - az - curl[2]
+    # The rate at which h_1 turns about u.
+    inverse = 1.0 / ahead[0]
+    turn = (u[1] * b + u[2] * c) * (inverse * inverse)
+    x = dot(ahead, lacking) + turn * second
+    y = dot(aside, lacking) - turn * first
+    return (x, y), rates, normal
 
 
 @scalar

@@ -488,10 +488,10 @@ _COLUMNS = (
     ),
     *(
         SummaryColumn(
-            loss.measure.name, F64, _held_in_si(name), loss.measure.unit, loss.meaning
+            each.measure.name, F64, _held_in_si(name), each.measure.unit, each.meaning
         )
-        for name, loss in ACTING.items()
-        if loss.measure is not None
+        for name, each in ACTING.items()
+        if each.measure is not None
     ),
     SummaryColumn(
         "fraction_R", F64, _share("R"), "1", "fraction that reverses (type R)"
@@ -620,10 +620,10 @@ _COLUMNS = (
             name,
             F64,
             _held(name),
-            loss.unit,
-            f"{loss.meaning}; null: none",
+            each.unit,
+            f"{each.meaning}; null: none",
         )
-        for name, loss in ACTING.items()
+        for name, each in ACTING.items()
     ),
     # Null unless contact is recorded.
     *(
@@ -671,9 +671,9 @@ class Printed:
 
 
 def _printed_losses() -> Iterator[Printed]:
-    """Yield the columns of each constant of dissipation, also in SI units."""
-    for name, loss in ACTING.items():
-        measure = loss.measure
+    """Yield the columns of each constant of an action, also in SI units."""
+    for name, constant in ACTING.items():
+        measure = constant.measure
         if measure is None:
             yield Printed(name, name, ".4g", optional=True, varies=True)
             continue

@@ -76,8 +76,8 @@ class Definition:
 
 
 @dataclass(frozen=True)
-class Loss(Definition):
-    """A constant of dissipation, or of a plane that shakes.
+class ActionConstant(Definition):
+    """A constant of what acts on a body: of dissipation, or of a plane that shakes.
 
     A record is a key of the config, an argument, an option, a column and an axis.
     """
@@ -323,7 +323,7 @@ _LAUNCH = (
 )
 
 _DISSIPATION = (
-    Loss(
+    ActionConstant(
         name="sigma",
         unit=DAMPING,
         meaning="torque -sigma omega",
@@ -339,7 +339,7 @@ _DISSIPATION = (
         first_values=(0.03, 0.1, 0.3),
         most_fitted=10.0,
     ),
-    Loss(
+    ActionConstant(
         name="rolling",
         unit=LENGTH,
         meaning="lever of the rolling resistance",
@@ -355,7 +355,7 @@ _DISSIPATION = (
         first_values=(1e-4, 1e-3),
         most_fitted=1.0,
     ),
-    Loss(
+    ActionConstant(
         name="pivot",
         unit=LENGTH,
         meaning="lever of the torque against pivoting",
@@ -370,7 +370,7 @@ _DISSIPATION = (
         first_values=(1e-4, 1e-3),
         most_fitted=1.0,
     ),
-    Loss(
+    ActionConstant(
         name="creep",
         unit="1",
         meaning="coefficient of friction in the patch that pivots; 0: no creep",
@@ -384,7 +384,7 @@ _DISSIPATION = (
         first_values=(0.2, 0.4),
         most_fitted=10.0,
     ),
-    Loss(
+    ActionConstant(
         name="viscous",
         unit=RESISTANCE,
         meaning="friction of the foot over its speed of slip; 0: no slip",
@@ -399,7 +399,7 @@ _DISSIPATION = (
         first_values=(30.0, 300.0),
         most_fitted=1e6,
     ),
-    Loss(
+    ActionConstant(
         name="mu",
         unit="1",
         meaning="coefficient of sliding friction",
@@ -418,7 +418,7 @@ _DISSIPATION = (
 )
 
 _DRIVES = (
-    Loss(
+    ActionConstant(
         name="base_frequency",
         unit=RATE,
         meaning="angular frequency of the plane that shakes",
@@ -432,7 +432,7 @@ _DRIVES = (
         takes_spin=False,
         is_linear=True,
     ),
-    Loss(
+    ActionConstant(
         name="base_acceleration",
         unit="1",
         meaning="amplitude of the plane's acceleration in g",
@@ -443,7 +443,7 @@ _DRIVES = (
         action="shaken",
         takes_spin=False,
     ),
-    Loss(
+    ActionConstant(
         name="base_phase",
         unit="rad",
         meaning="phase at launch: the weight is 1 + base_acceleration cos(phase)",
@@ -545,13 +545,13 @@ MEASURES: dict[str, tuple[Definition, Measure]] = {
 }
 """Quantities in SI units, rpm or degrees by the names of their columns."""
 
-LOSSES: dict[str, Loss] = {loss.name: loss for loss in _DISSIPATION}
+LOSSES: dict[str, ActionConstant] = {loss.name: loss for loss in _DISSIPATION}
 """The constants of dissipation by name."""
 
-DRIVES: dict[str, Loss] = {drive.name: drive for drive in _DRIVES}
+DRIVES: dict[str, ActionConstant] = {drive.name: drive for drive in _DRIVES}
 """The constants of a plane that shakes by name."""
 
-ACTING: dict[str, Loss] = LOSSES | DRIVES
+ACTING: dict[str, ActionConstant] = LOSSES | DRIVES
 """The constants of all that acts on a body beside gravity and the plane, by name."""
 
 COUPLE_CONSTANTS = frozenset(name for name, loss in LOSSES.items() if loss.takes_spin)
@@ -569,7 +569,7 @@ def law_of(names: Collection[str]) -> str:
 
     The viscous torque accompanies all others, and is named where it is alone.
     """
-    actions = [loss.action for name, loss in ACTING.items() if name in names]
+    actions = [each.action for name, each in ACTING.items() if name in names]
     words = dict.fromkeys(filter(None, actions))
     if len(words) > 1:
         words.pop("viscous", None)

@@ -170,8 +170,9 @@ class PreparedRun:
         losses = []
         for name, values in self.launches.losses.items():
             if values[0] > 0:
-                loss = ACTING[name]
-                losses.append(f"{loss.letter} {self.with_unit(values[0], loss.unit)}")
+                constant = ACTING[name]
+                value = self.with_unit(values[0], constant.unit)
+                losses.append(f"{constant.letter} {value}")
         return ", ".join(losses)
 
     def with_unit(self, value: float, unit: str) -> str:
