@@ -68,8 +68,8 @@ LOOSEST = 1e-5  # largest tolerance of a companion; at larger ones most runs par
 PARTED = 0.2  # distance at which two runs have become independent
 # Minimum weight of d when the companion itself had diverged from its own companion.
 REMEMBERED = 0.1
-# Loss of spin beyond which a run that has parted from its companion may reverse.
-NEAR_ZERO = 0.8
+# Share of the squared amplitude at launch below which a mode is at rest.
+DECAYED = 1e-16
 
 # A launch is swinging if its oscillation has this many times the energy of its spin.
 SWINGING = 3.0
@@ -80,7 +80,7 @@ MOST_RATIO = 0.6
 
 # Where the plane would have to pull the body: power of r in T, and weight of s.
 PULLED_POWER = 0.3
-PULLED_SHARE = 0.1
+PULLED_SHARE = 0.25
 
 TURN_PARTED = 5e-3  # relative difference of turns at which two runs have parted
 TURN_SLOPE = 50.0  # slope of the errors of turns
@@ -380,6 +380,9 @@ def with_errors(
     relative = _relative_error(batch, model, pair, scale, apart, before)
     t_r_error = relative * runs.t_r
     reverses_in_time = (relative < 1.0) & (runs.t_r + t_r_error < batch.t_end)
+    # The oscillation of a swinging launch drives the spin either way, so that the true
+    # run need not reverse where these two have parted.
+    reverses_in_time &= ~is_swinging(batch, model) | (apart <= PARTED)
     # If a stop ended the companion, its run has no error and counts as stopped.
     is_cut = companions.status == Status.STOPPED
     tol = np.nan
@@ -389,7 +392,7 @@ def with_errors(
     return Estimated(
         **values,
         t_r_error=t_r_error,
-        amp_growth_error=_growth_error(batch, pair),
+        amp_growth_error=_growth_error(config, batch, model, pair),
         n_departure_error=_departure_error(config, batch, pair, apart),
         reversal_sure=reverses_in_time | (pair.both_stay & (pair.grazes == 0)),
         tol=np.full(len(batch), tol),
@@ -472,7 +475,7 @@ def _is_unsteady(batch: Batch, model: Model) -> Flags:
     return unsteady
 
 
-def _growth_error(batch: Batch, pair: _Pair) -> Floats:
+def _growth_error(config: Config, batch: Batch, model: Model, pair: _Pair) -> Floats:
     """Return errors of ``amp_growth``, NaN for runs that are not ok."""
     runs, companions = pair
     # The final amp_growth of a run that has settled lies between its value so far and
@@ -484,7 +487,28 @@ def _growth_error(batch: Batch, pair: _Pair) -> Floats:
     below = runs.amp_growth - companion_high
     above = companions.amp_growth - high
     error = DIFFER * np.maximum(0.0, np.maximum(below, above))
+    # A growth of exactly zero is that of a mode at rest, or the largest state of two
+    # windows is the one at their border.  Both runs may have it there, while the
+    # amplitude still rises between that step and the next.
+    at_border = (runs.amp_growth == 0.0) & ~_is_at_rest(batch, model, runs)
+    further = _angle_of_steps(config, batch, runs) ** 2 / 8
+    error += np.where(at_border, further, 0.0)
     return np.where(runs.status == Status.OK, error, np.nan)
+
+
+def _is_at_rest(batch: Batch, model: Model, runs: Outcome) -> Flags:
+    """Return the runs at whose end the relevant mode has decayed."""
+    amplitude: Any = model.amplitude
+    first, last = (
+        amplitude.py_func(y.T, batch.probe.T) for y in (batch.y0, runs.y_end)
+    )
+    return np.asarray(last <= DECAYED * first)
+
+
+def _angle_of_steps(config: Config, batch: Batch, runs: Outcome) -> Floats:
+    """Return the mean angle between the ends of steps, of the spin's fastest swing."""
+    ends = np.maximum(runs.n_steps, 1) / stride(METHODS[config.integrator.method])
+    return np.minimum(batch.swing * runs.t_end / ends, np.pi)
 
 
 def _departure_error(
@@ -496,14 +520,14 @@ def _departure_error(
     if config.model != "reduced":  # its spin does not swing
         # The loss is that at the ends of steps.  A swing of the launch's rate gets at
         # most ``rate * swing * h^2 / 8`` further between two of them.
-        ends = np.maximum(pair.runs.n_steps, 1)
-        ends = ends / stride(METHODS[config.integrator.method])
-        angle = np.minimum(batch.swing * pair.runs.t_end / ends, np.pi)
+        angle = _angle_of_steps(config, batch, pair.runs)
         further = batch.rate / batch.swing * angle**2 / 8
         error += np.where(pair.both_reverse, 0.0, further / batch.scale)
     # Where the two have parted, nothing tells how much nearer to zero the spin may
-    # come.
-    may_reverse = pair.both_stay & (apart > PARTED) & (departure > NEAR_ZERO)
+    # come, however far from it both stay.  Those whose oscillation only decays differ
+    # in its phase alone.
+    decays = (pair.runs.amp_growth <= 0.0) & (pair.companions.amp_growth <= 0.0)
+    may_reverse = pair.both_stay & (apart > PARTED) & ~decays
     error = np.where(may_reverse, np.maximum(error, 1.0 - departure), error)
     return np.where(pair.both_ok, error, np.nan)
 

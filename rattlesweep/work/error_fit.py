@@ -82,11 +82,11 @@ MOTION_FITS: dict[tuple[str, str], ErrorFit | None] = {
     ("ellipsoid", "sliding"): _SLIDING,
     ("paraboloid", "pivoting and sliding"): _PIVOTING_SLIDING,
     ("ellipsoid", "pivoting and sliding"): _PIVOTING_SLIDING._replace(
-        floor=0.9, slope=6.0, slides=2e-12
+        floor=2.0, slope=14.0, slides=1.2e-11
     ),
     ("paraboloid", "rolling_pivoting"): _ROLLING_PIVOTING,
     ("ellipsoid", "rolling_pivoting"): _ROLLING_PIVOTING._replace(
-        floor=4.0, slope=9.0, power=1.0
+        floor=6.0, slope=12.0, power=1.0
     ),
     ("reduced", "damped"): None,
 }
