@@ -17,7 +17,7 @@ from refusal import assert_refused
 from sweeping import ROOT, invoke
 
 import rattlesweep as rs
-from rattlesweep.analysis.fit import problem, search, series
+from rattlesweep.analysis.fit import search, series, trials
 from rattlesweep.analysis.fit.doubts import (
     doubts_of_data,
     doubts_of_exact_times,
@@ -181,7 +181,7 @@ def test_a_free_shape_is_found_from_films_in_both_directions(n_i):
         losses={"sigma": 4e-3},
         t_end=float(times[-1]),
     )
-    angles = np.degrees(problem.follow_quantity(run, "angle", times))
+    angles = np.degrees(trials.follow_quantity(run, "angle", times))
     angles += 0.5 * np.random.default_rng(12).standard_normal(len(times))
     data = {"t_s": seconds, "angle_deg": angles % 180}
     given = BODY.replace(xi=1.15 * BODY.xi, theta=0.98 * BODY.theta)
@@ -260,7 +260,9 @@ def test_the_interval_of_a_push_that_is_hardly_told_is_that_of_its_profile():
         **natural(sigma=4e-3),
     )
     (remark,) = fit.remarks
-    assert remark.startswith("the data hardly tell omega_xy0: measure")
+    assert remark.startswith(
+        "the data hardly show an oscillation, and hardly tell omega_xy0: give the push"
+    )
     low, high = fit.intervals["omega_xy0"]
     assert low < 1e-7 < high
     # A push of this size would be seen in the spin.
@@ -494,17 +496,21 @@ def test_a_trial_that_fails_is_a_bad_point_of_the_search(monkeypatch):
     run = rs.trajectory(
         BODY, **natural(**TRUTH, t_end=40), points=200, channels=["t", "n"]
     )
-    follow = problem.follow_quantity
+    follow = trials.Trials.follow
     failed = []
 
-    def fragile(launch, kind, times):
-        # The first start has an oscillation of 0.003.
-        if launch.omega_xy0 < 0.02:
-            failed.append(launch)
-            raise rs.ConfigError("the run failed: the state became infinite")
-        return follow(launch, kind, times)
+    def fragile(self, launches, kind, times):
+        answers = follow(self, launches, kind, times)
+        for place, launch in enumerate(launches):
+            # The first start has an oscillation of 0.003.
+            if launch.omega_xy0 < 0.02:
+                failed.append(launch)
+                answers[place] = rs.ConfigError(
+                    "the run failed: the state became infinite"
+                )
+        return answers
 
-    monkeypatch.setattr(problem, "follow_quantity", fragile)
+    monkeypatch.setattr(trials.Trials, "follow", fragile)
     data = run.table[["t", "n"]]
     fit = rs.fit(BODY, data, free=["omega_xy0", "sigma"], launch=natural(n_i=0.3))
     assert failed

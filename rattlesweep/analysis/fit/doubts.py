@@ -411,6 +411,12 @@ def doubts_of_parameters(
         told.append(f"hardly tell {_listed(vague)}")
     if not told:
         return []
+    if "omega_xy0" in (*alike, *vague) and "omega_xy0" not in problem.priors:
+        # Without a push that shows, nothing else of the stone does.
+        return [
+            f"the data hardly show an oscillation, and {', and '.join(told)}: give "
+            "the push with an error, as in omega_xy0: 8 +- 2 rpm, or film longer"
+        ]
     return [
         f"the data {', and '.join(told)}: measure what you can otherwise and give it "
         "with its error, as in 60 +- 1 g, since a value without an error makes the "

@@ -11,23 +11,14 @@ import numpy as np
 
 from rattlesweep.analysis.fit.film import Film
 from rattlesweep.analysis.fit.measured import MeasuredBody, Prior
-from rattlesweep.analysis.fit.turns import failure, reversal_times
-from rattlesweep.analysis.onerun.course import Course, PreparedRun
+from rattlesweep.analysis.fit.trials import Trials
 from rattlesweep.arrays import Floats
 from rattlesweep.design.single import Launch
-from rattlesweep.kernel.state.status import Status
 from rattlesweep.physics.body import PARAMETERS as BODY
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
 from rattlesweep.words.quantities import LOSSES, RATE, TIME
 
-# The channels that measured quantities are compared with.
-CHANNELS_OF = {
-    "angle": "angle_deg",
-    "spin": "angle_deg",
-    "n": "n",
-    "gyro": "omega_z",
-}
 _LEAST = 1e-3  # of parameters that must be above zero
 _STEP = 3e-6  # of the central differences, relative to the scale of a parameter
 
@@ -78,29 +69,6 @@ FITTABLE = {
 }
 
 OF_BODY = (*BODY, "c", "skew", *SIZES)
-
-
-def follow_quantity(launch: Launch, kind: str, times: Floats) -> Floats:
-    """Return the quantity `kind` of a run at some times.
-
-    Raises a ConfigError if the integration fails.
-    """
-    name = CHANNELS_OF[kind]
-    course = Course(PreparedRun.of(launch), [name], times=times)
-    values = course.columns()[name]
-    status = course.follower.status
-    if status != Status.OK or not len(values):
-        raise failure(status)
-    if name == "angle_deg":
-        values = np.radians(values)
-    elif name == "omega_z":
-        # The body's z axis points downward.
-        values = -values
-    # A body that has come to rest keeps its last value.
-    values = np.pad(values, (0, len(times) - len(values)), mode="edge")
-    if kind == "spin":
-        values = np.gradient(values, times)
-    return values
 
 
 def ratio(unit: str, old: Units | None, new: Units | None) -> float:
@@ -157,6 +125,7 @@ class FitProblem:
     priors: Mapping[str, Prior] = field(default_factory=dict)
     # What the residuals are divided by if the film has no standard errors.
     noise: float = 1.0
+    trials: Trials = field(default_factory=Trials)
 
     @property
     def unknowns(self) -> int:
@@ -231,40 +200,40 @@ class FitProblem:
 
         Raises a ValueError if no such run exists or its integration fails.
         """
-        film = self.film
-        if film.kind == "reversal":
-            (times,) = self.reversals([x])
-            if isinstance(times, ValueError):
-                raise times
-            return times
-        self.trial()
-        launch = self.launched(x)
-        # From units of the body that is given to those of the body at ``x``.
-        time = ratio(TIME, self.launch.body.units, launch.body.units)
-        values = follow_quantity(launch, film.kind, film.t * time)
-        if film.kind == "angle":
-            return values + self.first_direction(film.value - values)
-        return values * time
+        (values,) = self.expected_at([x])
+        if isinstance(values, ValueError):
+            raise values
+        return values
 
-    def reversals(self, places: Sequence[Floats]) -> list[Floats | ValueError]:
-        """Return the times of reversals of runs, or why a run has none."""
-        answers: list[Floats | ValueError] = []
+    def expected_at(self, places: Sequence[Floats]) -> list[Floats | ValueError]:
+        """Return what :meth:`expected` does at several ``x``, or why there is none."""
+        film = self.film
+        answers: list[Floats | ValueError] = [np.zeros(0)] * len(places)
         launches: dict[int, Launch] = {}
         for place, x in enumerate(places):
             self.trial()
             try:
                 launches[place] = self.launched(x)
-                answers.append(np.zeros(0))
             except ValueError as error:
-                answers.append(error)
-        if not launches:
-            return answers
-        found = reversal_times([*launches.values()], len(self.film.t))
-        for place, times in zip(launches, found, strict=True):
-            answers[place] = times
-            if not isinstance(times, ValueError):
-                units = launches[place].body.units
-                answers[place] = times / ratio(TIME, self.launch.body.units, units)
+                answers[place] = error
+        runs = [*launches.values()]
+        # From units of the body that is given to those of the bodies of the runs.
+        given = self.launch.body.units
+        sizes = [ratio(TIME, given, run.body.units) for run in runs]
+        if film.kind == "reversal":
+            found = self.trials.reversal_times(runs, len(film.t))
+        else:
+            times = [film.t * size for size in sizes]
+            found = self.trials.follow(runs, film.kind, times)
+        for place, size, values in zip(launches, sizes, found, strict=True):
+            if isinstance(values, ValueError):
+                answers[place] = values
+            elif film.kind == "reversal":
+                answers[place] = values / size
+            elif film.kind == "angle":
+                answers[place] = values + self.first_direction(film.value - values)
+            else:
+                answers[place] = values * size
         return answers
 
     def first_direction(self, angles: Floats) -> float:
@@ -292,21 +261,10 @@ class FitProblem:
 
     def residuals_at(self, places: Sequence[Floats]) -> list[Floats]:
         """Return the residuals at several ``x``, as :meth:`residuals` does at one."""
-        if self.film.kind == "reversal":
-            # Runs without states at given times are integrated together.
-            return [
-                self._residuals_of(x, expected)
-                for x, expected in zip(places, self.reversals(places), strict=True)
-            ]
-        residuals = []
-        for x in places:
-            expected: Floats | ValueError
-            try:
-                expected = self.expected(x)
-            except ValueError as error:
-                expected = error
-            residuals.append(self._residuals_of(x, expected))
-        return residuals
+        return [
+            self._residuals_of(x, expected)
+            for x, expected in zip(places, self.expected_at(places), strict=True)
+        ]
 
     def _residuals_of(self, x: Floats, expected: Floats | ValueError) -> Floats:
         if isinstance(expected, ValueError):
@@ -329,15 +287,10 @@ class FitProblem:
         high = self.scaled({name: FITTABLE[name].high for name in self.scales})
         return low, high
 
-    def slopes(self, x: Floats, places: Sequence[int] | None = None) -> Floats:
-        """Return the Jacobian of the residuals by central differences.
-
-        It has a column for each parameter, or for those at some `places`.
-        """
+    def slopes(self, x: Floats) -> Floats:
+        """Return the Jacobian of the residuals by central differences."""
         limits = self.limits()
         steps = np.diag(np.full(len(x), _STEP))
-        if places is not None:
-            steps = steps[places]
         lows = [np.clip(x - step, *limits) for step in steps]
         highs = [np.clip(x + step, *limits) for step in steps]
         residuals = self.residuals_at([*lows, *highs])
@@ -352,10 +305,35 @@ class FitProblem:
             if not np.isfinite(above).all():
                 high = x
                 above = self.residuals(x)
-            width = (high - low).sum()
-            column = np.zeros_like(below)
-            if width > 0:
-                column = (above - below) / width
-            # Where both sides fail, nothing is known of the slope.
-            columns.append(np.where(np.isfinite(column), column, 0.0))
+            columns.append(_slope(below, above, (high - low).sum()))
         return np.stack(columns, axis=1)
+
+    def rough_slopes(self, x: Floats, here: Floats, places: Sequence[int]) -> Floats:
+        """Return the columns of the Jacobian at `places` by differences on one side.
+
+        The residuals at ``x`` are known, `here`.
+        """
+        limits = self.limits()
+        steps = np.diag(np.full(len(x), _STEP))[places]
+        # From a limit there is one way only.
+        ways = [1.0 if (x + step <= limits[1]).all() else -1.0 for step in steps]
+        moved = [
+            np.clip(x + way * step, *limits)
+            for way, step in zip(ways, steps, strict=True)
+        ]
+        columns = []
+        for place, there in enumerate(self.residuals_at(moved)):
+            to = moved[place]
+            if not np.isfinite(there).all():
+                to = np.clip(x - ways[place] * steps[place], *limits)
+                there = self.residuals(to)
+            columns.append(_slope(here, there, (to - x).sum()))
+        return np.stack(columns, axis=1)
+
+
+def _slope(below: Floats, above: Floats, width: float) -> Floats:
+    """Return the slope of residuals; where a side fails, nothing is known of it."""
+    if width == 0:
+        return np.zeros_like(below)
+    slope = (above - below) / width
+    return np.where(np.isfinite(slope), slope, 0.0)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rattlesweep.analysis.fit.problem import follow_quantity
+from rattlesweep.analysis.fit.trials import follow_quantity
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.units import quantity
 

@@ -1,0 +1,211 @@
+"""Trial runs of a fit: many launches at once, whose config is read once for a law."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rattlesweep.analysis.onerun.channels import CHANNELS, View
+from rattlesweep.arrays import Floats, take
+from rattlesweep.config.schema import Config
+from rattlesweep.design.batches import full_batch
+from rattlesweep.design.bodies.table import OMEGA, TableBodies, U, launched_from
+from rattlesweep.design.models import model_of
+from rattlesweep.design.plan import Plan
+from rattlesweep.design.prepare import prepare_launches
+from rattlesweep.design.single import Launch, directions, plan_of_rows
+from rattlesweep.kernel.batch import integrate
+from rattlesweep.kernel.follow import Follower
+from rattlesweep.kernel.method.tableau import METHODS, TOL
+from rattlesweep.kernel.runs import MOST_REVERSALS
+from rattlesweep.kernel.state.status import Status
+from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.rows.launches import Launches
+from rattlesweep.words.errors import ConfigError
+
+# The channels that measured quantities are compared with.
+CHANNELS_OF = {
+    "angle": "angle_deg",
+    "spin": "angle_deg",
+    "n": "n",
+    "gyro": "omega_z",
+}
+UP = (0.0, 0.0, -1.0)  # the vertical along the axes of an upright body
+# Names of the losses that act, and whether the body has c and a rim.
+_Law = tuple[frozenset[str], bool, bool]
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Runs that differ in their numbers, and in the losses that are zero."""
+
+    _plans: dict[_Law, Plan] = field(default_factory=dict)
+
+    def follow(
+        self, launches: Sequence[Launch], kind: str, times: Sequence[Floats]
+    ) -> list[Floats | ConfigError]:
+        """Return the quantity `kind` of each run at its times, or why there is none."""
+        answers: dict[int, Floats | ConfigError] = {}
+        for law, places in _by_law(launches).items():
+            config, prepared = self._prepared(law, [launches[k] for k in places])
+            for row, place in enumerate(places):
+                one = take(prepared, np.array([row]))
+                answers[place] = _followed(config, one, kind, times[place])
+        return [answers[place] for place in range(len(launches))]
+
+    def reversal_times(
+        self, launches: Sequence[Launch], count: int
+    ) -> list[Floats | ConfigError]:
+        """Return the times of the first `count` reversals, or why there are none.
+
+        A run with fewer reversals has the others at its end at the earliest.
+        """
+        answers: dict[int, Floats | ConfigError] = {}
+        for law, places in _by_law(launches).items():
+            config, prepared = self._prepared(law, [launches[k] for k in places])
+            times = _turns(config, prepared, count)
+            answers |= dict(zip(places, times, strict=True))
+        return [answers[place] for place in range(len(launches))]
+
+    def _prepared(
+        self, law: _Law, launches: Sequence[Launch]
+    ) -> tuple[Config, Launches]:
+        """Return the config of runs of one law, and their launches."""
+        bodies = TableBodies(_columns(launches))
+        _, _, has_rim = law
+        if has_rim:
+            bodies.carried["rim"] = np.array([run.body.rim for run in launches], float)
+        if law not in self._plans:
+            self._plans[law] = plan_of_rows(bodies, "full", {}, ["reversals"])
+        plan = replace(self._plans[law], source=bodies)
+        rows = np.arange(len(launches))
+        return plan.config, prepare_launches(plan, np.zeros_like(rows), rows)
+
+
+def follow_quantity(launch: Launch, kind: str, times: Floats) -> Floats:
+    """Return the quantity `kind` of a run at some times.
+
+    Raises a ConfigError if the integration fails.
+    """
+    (values,) = Trials().follow([launch], kind, [times])
+    if isinstance(values, ConfigError):
+        raise values
+    return values
+
+
+def _failure(status: Status) -> ConfigError:
+    """Return the error about a run that was not integrated to its end."""
+    return ConfigError(f"the run failed: {status.meaning}")
+
+
+def _by_law(launches: Sequence[Launch]) -> dict[_Law, list[int]]:
+    """Return the places of the runs of each law."""
+    places: dict[_Law, list[int]] = {}
+    for place, run in enumerate(launches):
+        acting = frozenset(name for name, value in run.losses.items() if value)
+        law = acting, run.body.c is not None, run.body.rim is not None
+        places.setdefault(law, []).append(place)
+    return places
+
+
+def _follower(config: Config, launch: Launches, has_attitude: bool) -> Follower:
+    """Return the integration of one run, whose contact nobody watches."""
+    settings = config.integrator
+    return Follower(
+        full_batch(launch),
+        METHODS[settings.method],
+        model_of(config),
+        tol=settings.tol or TOL,
+        max_steps=settings.max_steps,
+        attitude=has_attitude,
+    )
+
+
+def _followed(
+    config: Config, launch: Launches, kind: str, times: Floats
+) -> Floats | ConfigError:
+    """Return a quantity of one run at some times, or why there is none."""
+    channel = CHANNELS[CHANNELS_OF[kind]]
+    follower = _follower(config, launch, channel.needs == "attitude")
+    samples = follower.at(times)
+    while not follower.ended:
+        follower.steps()
+    if follower.status != Status.OK or not len(samples.t):
+        return _failure(follower.status)
+    values = channel.of(View(launch, follower, samples, None))
+    if channel.unit == "deg":
+        values = np.radians(values)
+    elif kind == "gyro":
+        # The body's z axis points downward.
+        values = -values
+    # A body that has come to rest keeps its last value.
+    values = np.pad(values, (0, len(times) - len(values)), mode="edge")
+    if kind == "spin":
+        values = np.gradient(values, times)
+    return values
+
+
+def _turns(
+    config: Config, prepared: Launches, count: int
+) -> list[Floats | ConfigError]:
+    """Return the times of reversals of runs, or why there are none."""
+    ends = prepared.horizon
+    answers: list[Floats | ConfigError] = []
+    if count > MOST_REVERSALS:
+        # A kernel of sweeps stores no more.
+        for row, end in enumerate(ends):
+            follower = _follower(config, take(prepared, np.array([row])), False)
+            while not follower.ended:
+                follower.steps()
+            times = np.array(follower.reversals[:count])
+            answers.append(_filled(follower.status, times, end, count))
+        return answers
+    settings = config.integrator
+    outcome = integrate(
+        full_batch(prepared),
+        METHODS[settings.method],
+        model_of(config),
+        tol=settings.tol or TOL,
+        max_steps=settings.max_steps,
+        record=frozenset({"reversals"}),
+    )
+    for row, end in enumerate(ends):
+        turns = min(count, int(outcome.n_turns[row]))
+        times = outcome.reversals[row, :turns, 0]
+        answers.append(_filled(Status(outcome.status[row]), times, end, count))
+    return answers
+
+
+def _filled(
+    status: Status, times: Floats, end: float, count: int
+) -> Floats | ConfigError:
+    """Return the times of so many reversals, or why the run has none."""
+    if status != Status.OK:
+        return _failure(status)
+    filled = np.full(count, end)
+    filled[: len(times)] = times
+    return filled
+
+
+def _columns(launches: Sequence[Launch]) -> dict[str, Floats]:
+    """Return launches as the columns of a table in units of the bodies."""
+    first = launches[0]
+    columns: dict[str, Floats] = {}
+    for name in (*PARAMETERS, "c"):  # without c, which is None, a NaN
+        columns[name] = np.array([getattr(run.body, name) for run in launches], float)
+    for name in first.losses:
+        columns[name] = np.array([run.losses[name] for run in launches], float)
+    columns["t_end"] = np.array([run.t_end for run in launches], float)
+    if first.omega is not None:
+        states = np.array([[*(run.omega or ()), *(run.u or UP)] for run in launches])
+        columns |= dict(zip((*OMEGA, *U), states.T, strict=True))
+        return columns | launched_from(columns, "launch")
+    for name in ("n_i", "omega_xy0"):
+        columns[name] = np.array([getattr(run, name) for run in launches], float)
+    if isinstance(first.psi, float):
+        columns["psi"] = np.radians(np.array([run.psi for run in launches], float))
+    else:
+        columns["psi"] = directions(columns, first.psi or "relevant")
+    return columns
