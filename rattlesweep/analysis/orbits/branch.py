@@ -44,6 +44,8 @@ _LONGEST = 4.0  # of the first step
 _SMALLEST = 1e-3  # period times speed of an orbit that shrinks to a steady spin
 _HALVED = 1e-3  # distance after half a period where a doubled family begins
 _ONE_POINT = 1e-5  # distance of two special points that are one
+# Where an interval that holds a special point is cut; what is tried in turn.
+_PARTS = (0.5, 0.4, 0.6, 0.25, 0.75)
 # Of the first orbit of a doubled family, over the state; what is tried in turn.
 _AMPLITUDES = (0.005, 0.02, 0.001)
 
@@ -79,6 +81,10 @@ CROSSINGS = {
     "torus": _torus,
     "branching": _determinant(-1.0),
 }
+
+
+class _NoOrbit(Exception):
+    """No orbit was found at a point of a family."""
 
 
 @dataclass(frozen=True)
@@ -380,7 +386,7 @@ class Walk:
                 value = begin + share * length
                 solved = family.solve(guess, before, tangent, value)
                 if solved is None:
-                    raise ValueError("no orbit there")
+                    raise _NoOrbit
                 return oriented(solved[0], before)
 
             try:
@@ -391,9 +397,9 @@ class Walk:
                     xtol=1e-13,
                     rtol=1e-13,
                 )
-            except ValueError:
-                # It lies between the two, wherever that is.
-                points = [after, before]
+            except _NoOrbit:
+                # Where two families meet, equations have no single solution.
+                points = _narrowed(CROSSINGS[name], on_way, before, after)
                 break
             points.append(on_way(share))
         point = points[0]
@@ -401,6 +407,36 @@ class Walk:
             return None
         accuracy = abs(float(point.x[PARAMETER] - points[1].x[PARAMETER]))
         return Member(point, name, accuracy)
+
+
+def _narrowed(
+    test: Callable[[Solution], float],
+    on_way: Callable[[float], Solution],
+    before: Solution,
+    after: Solution,
+) -> list[Solution]:
+    """Return two orbits that are near to each other, with a zero of a test between.
+
+    The way between `before` (share 0) and `after` (share 1) is halved where there are
+    orbits; where there is none, another point of it is tried.
+    """
+    low, high = 0.0, 1.0
+    first, last = before, after
+    while high - low > _ONE_POINT:
+        for part in _PARTS:
+            share = low + part * (high - low)
+            try:
+                found = on_way(share)
+            except _NoOrbit:
+                continue
+            break
+        else:
+            break
+        if test(found) * test(first) > 0:
+            low, first = share, found
+        else:
+            high, last = share, found
+    return [last, first]
 
 
 def _is_near(point: Solution, other: Solution) -> bool:
