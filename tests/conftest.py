@@ -10,6 +10,7 @@ from contextlib import closing, nullcontext
 from typing import Any
 
 import pytest
+import quick_kernels
 from compiler import Compiler
 
 # The longest files start first, so that both workers finish at about the same time.
@@ -52,6 +53,12 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Let quick tests use no kernel that few of them need."""
+    quick_kernels.is_quick = item.get_closest_marker("slow") is None
+
+
 def pytest_unconfigure() -> None:
     gc.unfreeze()  # otherwise some libraries report leaks
 
@@ -65,6 +72,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         patch.setattr(tempfile, "tempdir", str(tmp_path_factory.mktemp("tempfile")))
         patch.setattr("rattlesweep.compiling.loading._start_child", compiler.start)
         patch.setattr("rattlesweep.compiling.loading.PROCESSES", 1)
+        patch.setattr("rattlesweep.compiling.loading._load", quick_kernels.load)
         patch.setattr(
             "rattlesweep.cli.options.listening", lambda listener: nullcontext()
         )

@@ -87,6 +87,7 @@ def test_bodies_and_launches_in_si_units(tmp_path):
     pd.testing.assert_frame_equal(again, runs, check_exact=True)
 
 
+@pytest.mark.slow
 def test_shapes_of_different_sizes_are_launched_in_si_units(tmp_path):
     """Spins, losses and horizons of bodies that are drawn, one by one as in Python."""
     config = {

@@ -346,6 +346,7 @@ def _half_spin(y, constants):
     return full.spin(y) - 0.05
 
 
+@pytest.mark.slow
 def test_a_run_ends_at_the_limit_of_its_model(monkeypatch):
     model = dataclasses.replace(FULL, name="full_to_half", limit=_half_spin)
     monkeypatch.setitem(MODELS, model.name, model)

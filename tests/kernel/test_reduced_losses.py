@@ -211,6 +211,7 @@ def test_sliding_is_refused_with_a_sentence():
         rs.simulate(GH, **LAUNCH, model="reduced", mu=0.3)
 
 
+@pytest.mark.slow
 def test_trajectories_and_channels_show_the_losses():
     channels = ["t", "n", "E_p", "E_r", "energy", "work", "held", "pivot_torque"]
     course = rs.trajectory(

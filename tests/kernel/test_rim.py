@@ -80,6 +80,7 @@ def rise_of(body, path):
     return ((1 + cxx) * p**2 + 2 * cxy * p * q + (1 + cyy) * q**2) / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mu",
     [
@@ -114,6 +115,7 @@ def test_a_low_rim_is_passed_in_slopes(mu):
     assert both[1:].reset_index(drop=True).equals(alone)
 
 
+@pytest.mark.slow
 def test_a_launch_beyond_the_rim_ends_at_once():
     body = rs.Rattleback.gh().replace(rim=0.1)
     state = {"omega": (0, 0, 0.1), "u": (0, 0.6, -0.8), "t_end": 50}

@@ -115,7 +115,7 @@ class Slider:
             self.set("slip", self.get("slip1"))
 
 
-@pytest.mark.parametrize("spin", [0.0, 0.7])
+@pytest.mark.parametrize("spin", [pytest.param(0.0, marks=pytest.mark.slow), 0.7])
 def test_a_sphere_slides_and_then_rolls(spin):
     # v = 5/7 v_0 after 2 v_0 / (7 mu g), whatever the spin; the direction stays.
     body = {"alpha": 1.4, "beta": 1.4, "gamma": 0.4, "theta": 1, "phi": 1, "xi": 0}
@@ -266,6 +266,7 @@ def test_a_run_can_be_followed_through_its_slides():
         assert ratio[~does_slide].max() <= 0.3
 
 
+@pytest.mark.slow
 def test_the_place_of_the_foot_agrees_with_newton():
     runs = with_mu(kernels.full_batch(GH, 0.3, 0.1, t_end=24.0), 0.3)
     follower = Follower(

@@ -173,6 +173,7 @@ def test_only_twice_the_frequency_of_the_pitch_spins_the_body_up(late):
     assert (others.n_late_std < 2e-5).all()
 
 
+@pytest.mark.slow
 def test_late_values_are_those_of_the_rows_of_a_trajectory(late):
     path = rs.trajectory(
         GH,
@@ -208,6 +209,7 @@ def test_without_losses_the_spin_swings_once():
     assert runs.n_end.min() == pytest.approx(-0.02522, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_sweep_is_the_same_in_shards_and_its_rows_are_an_input(tmp_path):
     config = {
         "bodies": {"source": "preset", "name": "GH"},

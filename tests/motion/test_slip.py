@@ -155,6 +155,7 @@ def test_what_is_not_defined_with_slip_is_refused(more, message):
         rs.simulate(SKEWED, **LAUNCH, viscous=50.0, t_end=1.0, **more)
 
 
+@pytest.mark.slow
 def test_friction_of_a_stone_has_a_unit():
     stone = rs.Rattleback.half_ellipsoid(
         length="12 cm", width="3 cm", height="1.2 cm", mass="60 g", skew="8 deg"

@@ -93,7 +93,13 @@ def test_wanted_is_found_from_any_rows_in_any_order(name, done):
     assert len(waves) > 3
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name == "refine by t_r" else [])
+        for name in CONFIGS
+    ],
+)
 def test_stopped_again_and_again_in_any_order_with_harm(name, done, tmp_path):
     dice = random.Random(3)
     stops = 0

@@ -39,6 +39,7 @@ GRID = (
 )
 SPINS = "spin: {n_i: {linspace: [-0.4, 0.4, 6]}, omega_xy0: 0.01}"
 SD = "bodies: {source: sd, samples: 600}"
+QUICK_STRIDE = 150  # calls between two that quick tests harm
 SCENES = (
     "run",
     "one file",
@@ -169,7 +170,8 @@ def at_every_call(
     known = [scene.after]
     if scene.before is not None:
         known.append(scene.before)
-    for at in range(stride // 2, len(calls), stride):
+    # A command of few calls is harmed once at least.
+    for at in range(min(stride, len(calls)) // 2, len(calls), stride):
         scene.begin(output)
         done = scene.run(
             output, calls={"root": output, "kinds": kinds, "at": at, **harm}
@@ -183,7 +185,9 @@ def at_every_call(
         check_equal(output, scene.after)
 
 
-@pytest.mark.parametrize("stride", [60, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "stride", [QUICK_STRIDE, pytest.param(1, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("name", SCENES)
 def test_killed_at_every_call(name, stride, tmp_path):
     at_every_call(name, tmp_path, CHANGES, lambda done: done.code == -9, stride)
@@ -204,8 +208,12 @@ def every_fault() -> Iterator[Any]:
             label = f"{name}-{errno.errorcode[number]}"
             is_quick = number == numbers[place % 2]
             marks = [] if is_quick else [pytest.mark.slow]
-            yield pytest.param(90, number, name, marks=marks, id=f"{label}-90")
-            yield pytest.param(1, number, name, marks=pytest.mark.slow, id=f"{label}-1")
+            yield pytest.param(
+                QUICK_STRIDE, number, name, marks=marks, id=f"{label}-some"
+            )
+            yield pytest.param(
+                1, number, name, marks=pytest.mark.slow, id=f"{label}-all"
+            )
 
 
 @pytest.mark.parametrize(("stride", "number", "name"), [*every_fault()])
@@ -223,7 +231,9 @@ def test_faults_at_every_call(name, number, stride, tmp_path):
     )
 
 
-@pytest.mark.parametrize("stride", [60, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "stride", [QUICK_STRIDE, pytest.param(1, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(
     ("number", "code", "word"),
     [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
@@ -240,7 +250,9 @@ def test_stopped_at_every_call(name, number, code, word, stride, tmp_path):
     at_every_call(name, tmp_path, CHANGES, stopped, stride, sent=number)
 
 
-@pytest.mark.parametrize("name", ["retry", "classify by run"])
+@pytest.mark.parametrize(
+    "name", ["retry", pytest.param("classify by run", marks=pytest.mark.slow)]
+)
 def test_an_io_error_is_no_damage_and_rows_are_stored_once(name, tmp_path):
     """An error at each read and close of the look after rows have changed."""
     scene = make_scene("retry", tmp_path)

@@ -95,7 +95,9 @@ def test_no_file_is_moved_out_of_a_folder_that_a_link_leads_to(output):
 # Moves.
 
 
-@pytest.mark.parametrize("replaced", [True, False])
+@pytest.mark.parametrize(
+    "replaced", [True, pytest.param(False, marks=pytest.mark.slow)]
+)
 def test_a_writer_stops_when_its_directory_has_moved(
     replaced, whole, tmp_path, monkeypatch
 ):

@@ -167,7 +167,7 @@ def own_cluster(tmp_path, gate) -> Iterator[Cluster]:
 @pytest.mark.parametrize(
     "name",
     [
-        "quickstart",
+        pytest.param("quickstart", marks=pytest.mark.slow),
         "refine",
         pytest.param("pivot", marks=pytest.mark.slow),
         pytest.param("both", marks=pytest.mark.slow),

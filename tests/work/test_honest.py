@@ -18,7 +18,12 @@ from rattlesweep.work.block import run_batch
 @pytest.mark.parametrize(
     ("problem", "tol"),
     [
-        pytest.param(problem, tol, id=f"{problem.name}-{tol:g}")
+        pytest.param(
+            problem,
+            tol,
+            id=f"{problem.name}-{tol:g}",
+            marks=pytest.mark.slow if {"mu", "pivot"} <= {*problem.launch} else [],
+        )
         for problem in problems.PROBLEMS
         for tol in problem.tols
     ],

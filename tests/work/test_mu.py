@@ -74,6 +74,7 @@ def test_one_run_as_a_time_series(sweep):
     assert 1 - energy.iloc[-1] == pytest.approx(stored.slide_work, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_commands(tmp_path):
     launch = ["--preset", "GH", "--n-i", "0.3", "--omega-xy0", "0.1", "--t-end", "60"]
     page = tmp_path / "run.html"

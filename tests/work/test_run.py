@@ -163,6 +163,7 @@ def test_another_config_is_kept_out_of_a_directory(tmp_path):
     assert tree(output) == before
 
 
+@pytest.mark.slow
 def test_bodies_can_be_drawn_while_a_kernel_runs():
     """Numba's workqueue aborts the process if two threads use it at once.
 

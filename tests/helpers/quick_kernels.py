@@ -1,0 +1,72 @@
+"""Kernels that quick tests may use: what they compile takes a third of their time.
+
+A test that needs another kernel is slow.  A model is added here where a law has no
+quick test otherwise, which costs 10 to 40 seconds of processor time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rattlesweep.compiling import loading
+
+# Models, each with all of its parts.
+MODELS = {
+    "full",
+    "full_attitude",
+    "full_tangent",
+    "full_viscous",
+    "full_rolling",
+    "full_pivoting",
+    "full_creep_pivoting",
+    "full_sliding",
+    "full_slip",
+    "full_shaken",
+    "full_frame",
+    "ellipsoid",
+    "ellipsoid_attitude",
+    "ellipsoid_viscous",
+    "ellipsoid_viscous_attitude",
+    "ellipsoid_rolling",
+    "ellipsoid_pivoting",
+    "ellipsoid_creep_pivoting",
+    "ellipsoid_pivoting_sliding",
+    "reduced",
+    "reduced_lossy",
+    "reduced_pivoting",
+    "vectors",
+    "vectors_attitude",
+}
+# Single kernels that one quick test would compile for itself.
+RARE = {
+    ("steps_recipe", "ellipsoid_rolling"),
+    ("steps_recipe", "full_shaken"),
+    ("steps_recipe", "reduced_pivoting"),
+    ("work_recipe", "full", True, "rimmed"),
+}
+
+_load = loading._load
+is_quick = False
+
+
+def is_kept(recipe: str, *names: str | bool) -> bool:
+    """Return whether a quick test may use a kernel."""
+    if any((recipe, *names)[: len(rare)] == rare for rare in RARE):
+        return False
+    models = [name for name in names if isinstance(name, str)]
+    if recipe == "attempt_recipe":
+        models = models[1:2]
+    return not models or models[0] in MODELS
+
+
+def load(recipe: Any, *names: str | bool) -> Any:
+    """Replace ``loading._load`` while the tests run."""
+    is_shipped = recipe.__module__.startswith("rattlesweep.kernel")
+    if is_quick and is_shipped and not is_kept(recipe.__name__, *names):
+        pytest.fail(
+            f"{recipe.__name__} {names} is not in tests/helpers/quick_kernels.py: "
+            "mark the test as slow"
+        )
+    return _load(recipe, *names)
