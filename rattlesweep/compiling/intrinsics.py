@@ -91,6 +91,28 @@ def fetch_add(context, builder, signature, args):
     return builder.atomic_rmw("add", pointer, args[2], "monotonic")
 
 
+def _copy_numbers(array, place, source, count):
+    array[place : place + count] = array[source : source + count]
+
+
+@intrinsic(
+    lambda typingctx, array, place, source, count: types.void(
+        array, types.intp, types.intp, types.intp
+    ),
+    _copy_numbers,
+)
+def copy_numbers(context, builder, signature, args):
+    """Copy numbers of a flat array to another place in it; the two do not overlap.
+
+    A loop of indices, which may be negative in Numba, would not vectorise.
+    """
+    array, place, source, count = args
+    data = context.make_array(signature.args[0])(context, builder, array).data
+    target = cgutils.gep(builder, data, place)
+    cgutils.raw_memcpy(builder, target, cgutils.gep(builder, data, source), count, 8)
+    return context.get_dummy_value()
+
+
 @intrinsic(lambda typingctx: types.void(), lambda: None)
 def barrier(context, builder, signature, args):
     """Keep the compiler from sharing products across this point, at no cost.

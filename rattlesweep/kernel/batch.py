@@ -316,7 +316,7 @@ def _outcome(
 ) -> Outcome:
     """Return what a kernel has written as an outcome."""
     known = {name for name, _ in runs.RESULTS}
-    known.update(problem_of(model, True).modes.results)
+    known.update(problem_of(model).modes.results)
     columns: dict[str, Any] = {}
     for name in modes.RESULT.names or ():
         values = outputs.results[name]

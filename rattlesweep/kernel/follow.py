@@ -14,20 +14,30 @@ from dataclasses import dataclass, fields, replace
 from typing import NamedTuple, Self, cast
 
 import numpy as np
+from numba import njit
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.compiling.intrinsics import call, first_of, widest_vectors
+from rattlesweep.compiling.intrinsics import INNER, call, first_of, widest_vectors
 from rattlesweep.compiling.loading import Kernel, Order, load_kernels
+from rattlesweep.kernel import answer, recipes, runs, turn
 from rattlesweep.kernel import batch as batches
-from rattlesweep.kernel import recipes, runs, turn
 from rattlesweep.kernel.event.zeros import HOLD
 from rattlesweep.kernel.method.tableau import DT, MAX_STEPS, TOL, Tableau
-from rattlesweep.kernel.mode import pivots
 from rattlesweep.kernel.outcome import Batch
-from rattlesweep.kernel.state.fields import N_SLIP, NEVER, ROLLING, SCAN, SLIDING, Slip
+from rattlesweep.kernel.state.fields import (
+    HELD,
+    N_SLIP,
+    NEVER,
+    PIVOTING,
+    ROLLING,
+    SCAN,
+    SLIDING,
+    Slip,
+)
 from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.kernel.state.status import Status
 from rattlesweep.kernel.state.statuses import OK
+from rattlesweep.kernel.state.traits import Traits, traits_of
 from rattlesweep.motion import rotations
 from rattlesweep.motion.chart import ANYWHERE
 from rattlesweep.motion.model import Model, find_model
@@ -57,6 +67,7 @@ class StoredSteps(NamedTuple):
 
 def record_steps(
     problem,
+    traits,
     parts,
     w,
     inputs,
@@ -70,8 +81,8 @@ def record_steps(
 ):
     """Begin or continue the run until the tables are full or it ends at its horizon.
 
-    The arguments up to ``options`` are those of the kernel's ``work`` for one run,
-    which stays in the workspace between calls.  ``recording`` is that of reversals and
+    The arguments up to ``options`` are those of `turn.work_off` for one run, which
+    stays in the workspace between calls.  ``recording`` is that of reversals and
     perhaps of the contact.  The tables are ``steps``, where the run is and then the
     ends of accepted steps; the ``extremes`` of the contact until then, if they are
     recorded; times of ``zeros``; and times of ``turns``, which are reversals.
@@ -80,7 +91,7 @@ def record_steps(
     max_steps = options.most_steps
     lane = lane_of(problem, w, 0)
     if begins:
-        runs.start(lane, 0, inputs)
+        turn.start_run(problem, traits, parts, w, 0, 0, inputs)
         lane.next = NEVER  # no window ends
         if lane.arm > 0.0:
             # All zeros are searched from the launch on, also those that do not count.
@@ -88,7 +99,7 @@ def record_steps(
             lane.sign = 1.0 if lane.rate0 > 0.0 else -1.0
             lane.rate_max = lane.arm_rate
         for l in range(1, problem.lanes):
-            runs.idle(lane_of(problem, w, l))
+            turn.ask(parts, answer.IDLE, w, l)
     row = 0
     n_zeros = 0
     n_turns = 0
@@ -100,10 +111,10 @@ def record_steps(
         if accepted:
             steps[row, T] = lane.t_end if last else lane.t
             steps[row, T_LOW] = 0.0 if last else lane.t_low
-            if problem.pivots:
-                steps[row, SENSE] = lane.constants[-1]
-            for c, component in enumerate(lane.y + lane.f):
-                steps[row, STATE + c] = component
+            if traits.pivots:
+                steps[row, SENSE] = w[sense_row(problem, traits) * problem.lanes]
+            for c in range(2 * traits.n_state):
+                steps[row, STATE + c] = w[(problem.first + c) * problem.lanes]
             for c, component in enumerate(lane.slip):
                 steps[row, steps.shape[1] - N_SLIP + c] = component
             extremes[row, RATIO_MAX] = lane.ratio_max
@@ -114,11 +125,14 @@ def record_steps(
         crossed = lane.t_crossed
         reversals_before = lane.reversals
         lane.n_after = NEVER  # no peak of a turn is searched
-        due = turn.try_step(problem, parts, w, options, recording)
+        due = turn.try_step(problem, traits, parts, w, options, recording)
         if due & 1 != 0:
-            status, move = turn.look_closer(problem, parts, w, 0, max_steps, recording)
+            status, move = turn.call_closer(traits, parts, w, 0, max_steps, recording)
             ended = status != OK or (move != HOLD and lane.last > 0.0)
         last = lane.last > 0.0
+        is_new = lane.t_crossed != crossed or lane.reversals > reversals_before
+        if is_new and lane.dead > 0.0:
+            turn.ask(parts, answer.MEASURE, w, 0)
         if lane.t_crossed != crossed and not runs.is_dead(lane):
             zeros[n_zeros] = lane.t_crossed
             n_zeros += 1
@@ -127,56 +141,74 @@ def record_steps(
             n_turns += 1
         accepted = lane.accept > 0.0
         if not accepted:
-            runs.hold_back(lane)
-        if problem.limited or runs.recorded(recording.contact):
-            turn.watch(problem, w, recording)
-        turn.commit(problem, w)
-    energy = problem.modes.energy(lane)
+            runs.hold_back(problem, traits, w, 0)
+        if traits.limited or runs.recorded(recording.contact):
+            turn.watch(problem, traits, parts, w, recording)
+        turn.commit(problem, traits, parts, w)
+    turn.ask(parts, answer.MEASURE, w, 0)
+    energy = lane.energy1
     return StoredSteps(row, n_zeros, n_turns, ended, status, lane.energy0, energy)
 
 
-def states_after(problem, parts, w, steps, which, offset, constants, swing, scale, out):
+@njit(**INNER)
+def sense_row(problem, traits):
+    """Return the row of the sense of the spin, which is the last constant."""
+    return problem.first + 2 * traits.n_end + traits.n_constants - 1
+
+
+def states_after(
+    problem, traits, given, parts, w, steps, which, offset, constants, scale, out
+):
     """Write the states a time ``offset`` after rows of ``steps`` to ``out``.
 
-    Each is one step of the method in its own lane.  Components that ``steps`` lacks
-    start at zero.
+    Each is one step of the method in its own lane.  ``steps`` has the first ``given``
+    components of the state; others start at zero.  ``constants`` are those of the run
+    and then the fastest angular frequency of the spin.
     """
     widest_vectors()
+    row_of_constants = problem.first + 2 * traits.n_end
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        lane.constants = first_of(constants, problem.model.n_constants)
+        runs.fill_rows(problem, w, l, row_of_constants, constants, traits.n_constants)
         # Lanes that slide try steps of the given sizes.
-        lane.mu = constants[-1]
-        lane.swing = swing
+        lane.mu = constants[constants.size - 2]
+        lane.swing = constants[constants.size - 1]
         lane.search = SCAN
-    given = problem.n_given
     points = which.size
     for first in range(0, points, problem.lanes):
         for l in range(problem.lanes):
             i = min(first + l, points - 1)
             lane = lane_of(problem, w, l)
             row = steps[which[i], STATE:]
-            lane.y = first_of(row, given) + problem.extra
-            lane.f = first_of(row[given:], given) + problem.extra
-            if problem.pivots:
-                pivots.set_sense(lane, steps[which[i], SENSE])
-            if given < problem.model.n_state:
-                runs.derive(lane)
+            rate_row = problem.first + traits.n_state
+            for c in range(traits.n_state):
+                is_given = c < given
+                y = row[c] if is_given else 0.0
+                f = row[given + c] if is_given else 0.0
+                w[(problem.first + c) * problem.lanes + l] = y
+                w[(rate_row + c) * problem.lanes + l] = f
+            if traits.pivots:
+                sense = steps[which[i], SENSE]
+                w[sense_row(problem, traits) * problem.lanes + l] = sense
+                lane.mode = HELD if sense == 0.0 else PIVOTING
+            if given < traits.n_state:
+                turn.ask(parts, answer.DERIVE, w, l)
             lane.h = offset[i]
             lane.slip = Slip(*first_of(row[row.size - N_SLIP :], N_SLIP))
             lane.slip1 = lane.slip
             lane.past_h = 0.0
             if lane.slip.speed > 0.0:
                 lane.mode = SLIDING
-            elif not problem.pivots:
+            elif not traits.pivots:
                 lane.mode = ROLLING
-        call(parts[turn.ATTEMPT], (problem, w, scale))
-        if problem.slides:
-            call(parts[turn.SLIDE], (problem, w, scale, False, 0))
+        call(parts[turn.ATTEMPT], (w, scale))
+        if traits.slides:
+            call(parts[turn.SLIDE], (w, scale, False, 0))
+        end = problem.first + traits.n_end
         for l in range(min(problem.lanes, points - first)):
             lane = lane_of(problem, w, l)
-            for c, component in enumerate(lane.y1):
-                out[first + l, c] = component
+            for c in range(traits.n_state):
+                out[first + l, c] = w[(end + c) * problem.lanes + l]
             for c, component in enumerate(lane.slip1):
                 out[first + l, out.shape[1] - N_SLIP + c] = component
 
@@ -200,26 +232,25 @@ def observe_samples(problem, states, slips, senses, constants, out):
 FOLLOW_OPTIONS = {"nogil": True, "error_model": "numpy"}
 
 
-def steps_recipe(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
-    """Return :func:`record_steps` of a model; ``rim`` is as for `batch.work_recipe`."""
-    problem = recipes.problem_of(find_model(model_name), adaptive, rimmed=bool(rim))
-    run = problem, recipes.NO_PARTS, recipes.FLAT, recipes.INPUTS, recipes.SETTINGS
+def steps_recipe() -> Kernel:
+    """Return :func:`record_steps`, which serves all models and methods."""
+    loop = recipes.problem_of(None), recipes.TRAITS, recipes.NO_PARTS, recipes.FLAT
+    run = *loop, recipes.INPUTS, recipes.SETTINGS
     tables = recipes.TABLE, recipes.TABLE, recipes.FLAT, recipes.FLAT
     return Kernel(record_steps, (*run, recipes.NOTHING, True, *tables), FOLLOW_OPTIONS)
 
 
-def states_recipe(model_name: str) -> Kernel:
-    """Return :func:`states_after` of a model, which serves all methods."""
-    problem = recipes.problem_of(find_model(model_name), True)
+def states_recipe() -> Kernel:
+    """Return :func:`states_after`, which serves all models and methods."""
+    model = recipes.problem_of(None), recipes.TRAITS, 1, recipes.NO_PARTS
     points = recipes.TABLE, recipes.WHOLE, recipes.FLAT
-    arguments = problem, recipes.NO_PARTS, recipes.FLAT, *points
-    settings = recipes.FLAT, 1.0, 1.0
-    return Kernel(states_after, (*arguments, *settings, recipes.TABLE), FOLLOW_OPTIONS)
+    arguments = *model, recipes.FLAT, *points, recipes.FLAT, 1.0, recipes.TABLE
+    return Kernel(states_after, arguments, FOLLOW_OPTIONS)
 
 
 def observe_recipe(model_name: str) -> Kernel:
     """Return :func:`observe_samples` of a model."""
-    problem = recipes.problem_of(find_model(model_name), True)
+    problem = recipes.problem_of(find_model(model_name))
     tables = recipes.TABLE, recipes.TABLE, recipes.FLAT, recipes.FLAT, recipes.TABLE
     return Kernel(observe_samples, (problem, *tables), FOLLOW_OPTIONS)
 
@@ -347,31 +378,30 @@ class Follower:
         tableau = self._tableau
         self._models = [model, model.with_attitude] if attitude else [model]
         rimmed = batches.can_reach_rim(batch, model)
-        rim = ("rimmed",) if rimmed else ()
-        record: Order = (steps_recipe, model.name, tableau.adaptive, *rim)
+        record: Order = (steps_recipe,)
+        after: Order = (states_recipe,)
         look: Order = (observe_recipe, model.name)
-        orders = [record, look]
+        orders = [record, after, look]
         parts: list[list[Order | None]] = []
-        states: list[Order] = []
         for each in self._models:
             # Of the attitude's model no steps are taken.
             recorded = self._recorded if each is model else ()
             own = recipes.parts_of(tableau, each, recorded, rimmed=rimmed)
             parts.append(own)
-            states.append((states_recipe, each.name))
-            orders += [*filter(None, own), states[-1]]
+            orders += filter(None, own)
         # Loaded together, so that they are compiled in parallel.
         loaded = dict(zip(orders, load_kernels(*orders), strict=True))
         self._kernel = loaded[record]
         self._observe = loaded[look]
-        self._states = [loaded[order] for order in states]
+        self._after = loaded[after]
         self._parts = [recipes.addresses(own, loaded) for own in parts]
         # No window ends, so no amplitudes are compared.
         endless = replace(
             batch, window=np.full(1, NEVER), first_comparison=np.full(1, NEVER)
         )
         self._run = (
-            recipes.problem_of(model, tableau.adaptive, rimmed=rimmed),
+            recipes.problem_of(None),
+            self._traits(model, rimmed=rimmed),
             self._parts[0],
             recipes.workspace(tableau, model, 1)[0],
             batches.inputs_of(
@@ -419,7 +449,7 @@ class Follower:
         friction in ``M g a``.
         """
         out = np.empty((5, len(samples.t)))
-        problem = recipes.problem_of(self._models[0], True)
+        problem = recipes.problem_of(self._models[0])
         constants = self._batch.constants[0]
         self._observe(problem, samples.y, samples.slip, samples.sense, constants, out)
         return out
@@ -495,19 +525,26 @@ class Follower:
         """Return states and slips of a model at some times after rows of the table."""
         model = self._models[place]
         out = np.empty((len(which), model.n_state + N_SLIP))
-        self._states[place](
-            recipes.problem_of(model, True),
+        constants = np.append(self._batch.constants[0], self.swing)
+        self._after(
+            recipes.problem_of(None),
+            self._traits(model),
+            self._batch.y0.shape[1],
             self._parts[place],
             recipes.workspace(self._tableau, model, 1)[0],
             self._table,
             which.astype(np.int64),
             offset,
-            self._batch.constants[0].copy(),
-            self.swing,
+            constants,
             1.0 / self._tol**2,
             out,
         )
         return out[:, : model.n_state], out[:, model.n_state :]
+
+    def _traits(self, model: Model, *, rimmed: bool = False) -> Traits:
+        """Return the traits of a model with the method of the run."""
+        problem = recipes.problem_of(model, rimmed=rimmed)
+        return traits_of(problem, model, adaptive=self._tableau.adaptive)
 
     def _moves(self, which: Integers, offset: Floats) -> Floats:
         """Return the changes of heading and contact point since rows of the table."""

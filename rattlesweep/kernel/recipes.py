@@ -1,7 +1,7 @@
 """Recipes of the kernels: what is compiled for a method, a model and a record."""
 
 from collections.abc import Callable, Collection, Mapping
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -11,14 +11,18 @@ from numpy.typing import NDArray
 from rattlesweep.arrays import Floats
 from rattlesweep.compiling.intrinsics import INNER, addresses_of
 from rattlesweep.compiling.loading import Compiled, Kernel, Order, load_kernels
-from rattlesweep.kernel import runs, turn
+from rattlesweep.kernel import answer, runs, tangents, turn
 from rattlesweep.kernel.event import looks
+from rattlesweep.kernel.event.zeros import HOLD
+from rattlesweep.kernel.look import notes
 from rattlesweep.kernel.look.marks import MARKS
 from rattlesweep.kernel.method.tableau import METHODS, Tableau
 from rattlesweep.kernel.mode import modes
 from rattlesweep.kernel.runs import Inputs, Outputs, Recording
 from rattlesweep.kernel.state.fields import LANES
 from rattlesweep.kernel.state.lane import Problem
+from rattlesweep.kernel.state.statuses import OK
+from rattlesweep.kernel.state.traits import traits_of
 from rattlesweep.kernel.step import slots
 from rattlesweep.kernel.step.explicit import OPTIONS, write_attempt
 from rattlesweep.kernel.step.implicit import write_implicit
@@ -33,19 +37,24 @@ from rattlesweep.physics.surface import PARABOLOID
 RECORDINGS = Recording._fields
 # Observations for which steps are looked into (`kernel.looks_within`).
 LOOKED_INTO = {"contact", "reversals", "marks"} | {mark.name for mark in MARKS}
+NOTED = {"late", "casimir"}  # observations that need notes (`turn.takes_notes`)
+N_PARTS = turn.GROWTH + 1
 
 
 @cache
 def problem_of(
-    model: Model | None, adaptive: bool, width: int = LANES, *, rimmed: bool = False
+    model: Model | None, width: int = LANES, *, rimmed: bool = False
 ) -> Problem:
-    """Return the problem that the kernels of a model are compiled for."""
+    """Return the problem that the parts of a model are compiled for.
+
+    The loop that calls them has a problem without a model.
+    """
     if model is None:
-        return Problem(None, adaptive, width)
+        return Problem(None, width)
     ways = modes.modes_of(model, rimmed)
     carried = tangents_of(model)
     block = block_of(model) if model.slide is not None else None
-    return Problem(model, adaptive, width, ways, carried, rimmed, block)
+    return Problem(model, width, ways, carried, rimmed, block)
 
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
@@ -53,7 +62,7 @@ def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
 
     Where lanes slide, the rows of a block follow those of the lanes.
     """
-    problem = problem_of(model, tableau.adaptive)
+    problem = problem_of(model)
     rows = problem.layout.rows(tableau, model)
     if problem.block is not None:
         rows += -(-problem.block.rows * problem.block.width // LANES)
@@ -72,23 +81,40 @@ def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
 FLAT = np.zeros(0)
 TABLE = np.zeros((0, 1))
 WHOLE = np.zeros(0, dtype=np.int64)
-NO_PARTS = np.zeros(4, dtype=np.int64)
+NO_PARTS = np.zeros(1, dtype=np.int64)
 INPUTS = Inputs(TABLE, TABLE, TABLE, np.zeros(0, runs.PLAN))
 SETTINGS = turn.Options(1.0, 1.0, 1.0)
 NOTHING = Recording(*(np.zeros((0, 1, 1)) for _ in RECORDINGS))
 OUTPUTS = Outputs(np.zeros(0, modes.RESULT), TABLE)
 SHARED = WHOLE, WHOLE, INPUTS, SETTINGS, TABLE, OUTPUTS, NOTHING
+TRAITS = traits_of(problem_of(FULL), FULL, adaptive=True)
+CALLED: dict[str, object] = INNER | {"no_cpython_wrapper": False}
 
 
-def work_recipe(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
-    """Return :func:`kernel.work_off` for a model, which each thread runs.
+# What is compiled once for all models.
 
-    ``rim`` is ``rimmed`` or empty.
-    """
-    problem = problem_of(find_model(model_name), adaptive, rimmed=bool(rim))
-    arguments = problem, 0, NO_PARTS, FLAT, *SHARED
-    options = INNER | {"no_cpython_wrapper": False}
-    return Kernel(turn.work_off, arguments, options)
+
+def work_recipe() -> Kernel:
+    """Return :func:`turn.work_off`, which each thread runs."""
+    return Kernel(
+        turn.work_off, (problem_of(None), TRAITS, 0, NO_PARTS, FLAT, *SHARED), CALLED
+    )
+
+
+def closer_recipe() -> Kernel:
+    """Return :func:`turn.look_closer`."""
+    lane = problem_of(None), TRAITS, NO_PARTS, FLAT, 0, 1.0
+    recorded = False, NOTHING.reversals, NOTHING.marks
+    return Kernel(turn.look_closer, (*lane, *recorded), INNER)
+
+
+def drive_recipe() -> Kernel:
+    """Return :func:`turn.drive`, which starts the threads."""
+    options = {"parallel": True, "nogil": True}
+    return Kernel(turn.drive, (0, TRAITS, NO_PARTS, 1, TABLE, *SHARED), options)
+
+
+# What is compiled for each model; ``rim`` is ``rimmed`` or empty.
 
 
 def attempt_recipe(tableau_name: str, model_name: str, extra: str = "") -> Kernel:
@@ -99,66 +125,96 @@ def attempt_recipe(tableau_name: str, model_name: str, extra: str = "") -> Kerne
         written = write_implicit(model)
     else:
         written = write_attempt(tableau, model, volume=extra == "volume")
-    return Kernel(written, (problem_of(model, tableau.adaptive), FLAT, 1.0), OPTIONS)
+    return Kernel(written, (problem_of(model), FLAT, 1.0), OPTIONS)
 
 
-def decide_recipe(adaptive: bool) -> Kernel:
-    """Return :func:`kernel.decide_closely`, which serves all models."""
-    return Kernel(
-        turn.decide_closely,
-        (problem_of(None, adaptive), FLAT, 0, 1.0, turn.ZEROS),
-        INNER,
-    )
+def answer_recipe(model_name: str, rim: str = "") -> Kernel:
+    """Return :func:`answer.answer` for a model."""
+    model = find_model(model_name)
+    problem = problem_of(model, rimmed=bool(rim))
+    asked = problem, answer.BEGIN, FLAT, 0, OK, HOLD, False, False
+    # Attitude and path are integrated over the steps of a run without them.
+    only_rates = model.n_extra > 0
+    return Kernel(answer.answer_rates if only_rates else answer.answer, asked, INNER)
+
+
+def answer_for_all_recipe(model_name: str, rim: str = "") -> Kernel:
+    """Return :func:`answer.answer_for_all` for a model."""
+    problem = problem_of(find_model(model_name), rimmed=bool(rim))
+    return Kernel(answer.answer_for_all, (problem, answer.PLAN, FLAT, 0), INNER)
 
 
 def slide_recipe(model_name: str, rim: str = "") -> Kernel:
-    """Return :func:`slides.slide_lanes` for a model.
-
-    ``rim`` is as for :func:`work_recipe`.
-    """
-    problem = problem_of(find_model(model_name), True, rimmed=bool(rim))
+    """Return :func:`slots.slide_lanes` for a model."""
+    problem = problem_of(find_model(model_name), rimmed=bool(rim))
     return Kernel(slots.slide_lanes, (problem, FLAT, 1.0, True, 0), INNER)
 
 
 def look_recipe(model_name: str) -> Kernel:
-    """Return :func:`looks.look_within` for a model, which serves all methods."""
-    problem = problem_of(find_model(model_name), True)
-    times = NOTHING.marks
-    arguments = problem, FLAT, looks.ROLLED, True, True, times
+    """Return :func:`looks.look_within` for a model."""
+    problem = problem_of(find_model(model_name))
+    arguments = problem, FLAT, looks.ROLLED, True, True, NOTHING.marks
     return Kernel(looks.look_within, arguments, INNER)
 
 
-def drive_recipe() -> Kernel:
-    """Return :func:`kernel.drive`, which starts the threads of all kernels."""
-    options = {"parallel": True, "nogil": True}
-    return Kernel(turn.drive, (0, NO_PARTS, 1, TABLE, *SHARED), options)
+def note_recipe(model_name: str) -> Kernel:
+    """Return :func:`notes.note_step` for a model."""
+    lane = problem_of(find_model(model_name)), FLAT, 0
+    return Kernel(notes.note_step, (*lane, True, True, True, NOTHING.casimir), INNER)
+
+
+def growth_recipe(model_name: str) -> Kernel:
+    """Return :func:`tangents.note_growth` for a model."""
+    lane = problem_of(find_model(model_name)), FLAT, 0
+    return Kernel(tangents.note_growth, (*lane, 1.0, 0, NOTHING.lyapunov), INNER)
 
 
 def parts_of(
     tableau: Tableau, model: Model, record: Collection[str], *, rimmed: bool
 ) -> list[Order | None]:
-    """Return the parts of a kernel by their indices, None for one it does not call."""
+    """Return the parts of a model by their indices, None for one that is not called."""
     # Steps integrate the rate of phase volume as well if it is recorded.
     extra = ("volume",) if "volume" in record else ()
     rim = ("rimmed",) if rimmed else ()
-    parts: list[Order | None] = [
-        (attempt_recipe, tableau.name, model.name, *extra),
-        (decide_recipe, tableau.adaptive),
-        None,
-        None,
-    ]
+    traits = traits_of(
+        problem_of(model, rimmed=rimmed), model, adaptive=tableau.adaptive
+    )
+    parts: list[Order | None] = [None] * N_PARTS
+    parts[turn.ATTEMPT] = attempt_recipe, tableau.name, model.name, *extra
+    parts[turn.CLOSER] = (closer_recipe,)
+    parts[turn.ANSWER] = answer_recipe, model.name, *rim
+    if traits.limited or traits.has_tangents:
+        parts[turn.ANSWER_FOR_ALL] = answer_for_all_recipe, model.name, *rim
     if not LOOKED_INTO.isdisjoint(record):
         parts[turn.LOOK] = look_recipe, model.name
-    if model.slide is not None:
-        parts[turn.SLIDE] = (slide_recipe, model.name, *rim)
+    if traits.slides:
+        parts[turn.SLIDE] = slide_recipe, model.name, *rim
+    if not NOTED.isdisjoint(record):
+        parts[turn.NOTE] = note_recipe, model.name
+    if traits.has_tangents:
+        parts[turn.GROWTH] = growth_recipe, model.name
     return parts
 
 
 def addresses(
     called: list[Order | None], loaded: Mapping[Order, Compiled]
 ) -> NDArray[Any]:
-    """Return the addresses of parts, 0 for those that are not called."""
-    return addresses_of(*(loaded[order] if order else None for order in called))
+    """Return the addresses of parts, 0 for those that are not called.
+
+    In machine code a problem is no argument.  Where nothing is compiled, each part is
+    bound to its own.
+    """
+    if not config.DISABLE_JIT:
+        return addresses_of(*(loaded[order] if order else None for order in called))
+    bound: list[Callable[..., object] | None] = []
+    for order in called:
+        if order is None:
+            bound.append(None)
+            continue
+        recipe, *names = order
+        problem = recipe(*names).arguments[0]
+        bound.append(partial(loaded[order], problem))
+    return np.array(bound, object)
 
 
 def threaded_kernel(
@@ -184,26 +240,26 @@ def threaded_kernel(
         model = compose(SLOPES, PARABOLOID, tangents=1)
     if "spectrum" in record:
         model = compose(SLOPES, PARABOLOID, tangents=frame.N_TANGENTS)
-    rim = ("rimmed",) if rimmed else ()
-    work: Order = (work_recipe, model.name, tableau.adaptive, *rim)
     called = parts_of(tableau, model, record, rimmed=rimmed)
-    orders = [work, *filter(None, called)]
+    orders: list[Order] = [(work_recipe,), *filter(None, called)]
     threaded = parallel()
     if threaded:
         orders.append((drive_recipe,))
     # All are loaded together, so that they are compiled in parallel.
     loaded = dict(zip(orders, load_kernels(*orders), strict=True))
-    working = loaded[work]
+    working = loaded[orders[0]]
     parts = addresses(called, loaded)
     driving = loaded[orders[-1]]
+    traits = traits_of(
+        problem_of(model, rimmed=rimmed), model, adaptive=tableau.adaptive
+    )
 
     def call(threads: int, shared: tuple[object, ...]) -> None:
         w = workspace(tableau, model, threads)
         if threaded:
-            driving(addresses_of(working)[0], parts, threads, w, *shared)
+            driving(addresses_of(working)[0], traits, parts, threads, w, *shared)
             return
-        problem = problem_of(model, tableau.adaptive, rimmed=rimmed)
         for thread in range(threads):
-            working(problem, thread, parts, w[thread], *shared)
+            working(problem_of(None), traits, thread, parts, w[thread], *shared)
 
     return call

@@ -9,14 +9,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import INNER, first_of, moved, widest_vectors
-from rattlesweep.kernel.look import late
-from rattlesweep.kernel.look.casimir import MEANS, note_casimir, store_casimir
+from rattlesweep.compiling.intrinsics import INNER, copy_numbers, widest_vectors
+from rattlesweep.kernel.look.casimir import MEANS
 from rattlesweep.kernel.look.marks import MARKS
-from rattlesweep.kernel.state.fields import DIFFERENCE, NEVER, SLIDING, STEP, Point
+from rattlesweep.kernel.state.fields import NEVER, SLIDING, STEP, Point
 from rattlesweep.kernel.state.lane import clear, lane_of
 from rattlesweep.kernel.state.statuses import AT_LIMIT, ENERGY_OFF, NONFINITE, OK, RIM
-from rattlesweep.physics.full import FASTMATH, TINY, scalar
+from rattlesweep.physics.full import TINY
 
 # The arrays that a kernel reads and writes have one row for each run.
 PLAN = np.dtype(
@@ -133,19 +132,10 @@ def recorded(array):
 
 
 @njit(**INNER)
-def goes_on(problem, recording):
+def goes_on(traits, recording):
     """Return whether runs go on after a zero of the spin."""
     is_followed = recorded(recording.reversals) or recorded(recording.late)
-    return is_followed or problem.model.n_tangents > 1
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def derive(lane):
-    """Set the derivative at the start of the step, and return spin and its rate."""
-    y = lane.y
-    f = lane.problem.model.rhs(y, lane.constants)
-    lane.f = f
-    return lane.problem.model.spin(y), lane.problem.model.spin_rate(y, f)
+    return is_followed or traits.has_frame
 
 
 # Energy.
@@ -154,18 +144,16 @@ def derive(lane):
 @njit(**INNER)
 def note_energy(lane):
     """Let the energy at the end of the step count as one of the largest."""
-    modes = lane.problem.modes
-    present = modes.energy(lane) + modes.work(lane)
-    lane.energy_most = max(lane.energy_most, present)
+    lane.energy_most = max(lane.energy_most, lane.energy1 + lane.work1)
 
 
 @njit(**INNER)
-def scale_of_energy(lane):
+def scale_of_energy(traits, lane):
     """Return the energy that its errors are compared with.
 
     A plane that shakes may give a body at rest many times its energy at launch.
     """
-    if lane.problem.model.lifts:
+    if traits.lifts:
         return max(lane.energy0, lane.energy_most)
     return lane.energy0
 
@@ -193,8 +181,6 @@ def compare_amplitudes(lane):
 def close_window(lane, run, recording):
     """Compare amplitudes, store the window if it is recorded, and open the next one."""
     compare_amplitudes(lane)
-    if lane.problem.model.lifts:
-        note_energy(lane)
     k = int(lane.window_no)
     if recorded(recording.windows) and k < N_WINDOWS:
         recording.windows[run, k, 0] = sqrt(lane.window_a_max)
@@ -208,16 +194,7 @@ def close_window(lane, run, recording):
 
 @njit(**INNER)
 def compare_due(lane, t, run, recording):
-    """Make the comparisons and close the windows that are due by time ``t``.
-
-    Store the growth of tangents at the end of a window, and that of a frame at the
-    comparisons in the first window, too.
-    """
-    k = window_row(lane)
-    if t < lane.window_end:
-        k = N_WINDOWS + int(lane.compared)
-    if k < recording.lyapunov.shape[1]:
-        lane.problem.tangents.note(lane, t, run, k, recording.lyapunov)
+    """Make the comparisons and close the windows that are due by time ``t``."""
     include_end(lane)
     while t >= lane.next:
         if lane.comparison < lane.window_end:
@@ -229,16 +206,15 @@ def compare_due(lane, t, run, recording):
         lane.next = min(lane.comparison, lane.window_end)
 
 
-@njit(fastmath=FASTMATH, **INNER)
-def settled(lane, most):
-    """Return whether no amplitude grew in two windows and little oscillation is left.
+@njit(**INNER)
+def may_settle(lane, most):
+    """Return whether no amplitude grew in two windows, so that the run may settle.
 
     ``most`` is the largest oscillation of a settled run, or 0 if none may settle.
     """
-    if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0 or lane.t_zero >= 0.0:
+    if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0:
         return False
-    _, oscillation = lane.problem.model.error(lane.y1, lane.y1, lane.constants)
-    return oscillation <= most
+    return lane.t_zero < 0.0
 
 
 @njit(**INNER)
@@ -247,24 +223,6 @@ def include_end(lane):
     lane.a_max = max(lane.a_max, lane.amplitude)
     lane.window_n_min = min(lane.window_n_min, lane.n1)
     lane.window_n_max = max(lane.window_n_max, lane.n1)
-
-
-# Functions of the state, for the searches in `event.zeros`.
-
-
-@scalar
-def contact_points(lane, h, y, f):
-    """Return the ratio of the contact forces and the negative normal force."""
-    # The rates are differences along the flow; an error of them only moves the place
-    # at which an extreme is evaluated.
-    ahead = DIFFERENCE / lane.swing
-    contact = lane.problem.model.contact
-    normal, tangential = contact(y, lane.constants)
-    ratio = tangential / abs(normal)
-    later_normal, tangential = contact(moved(y, f, ahead), lane.constants)
-    rate = (tangential / abs(later_normal) - ratio) / ahead
-    lift_rate = (normal - later_normal) / ahead
-    return Point(h, ratio, rate), Point(h, -normal, lift_rate)
 
 
 @njit(**INNER)
@@ -314,37 +272,22 @@ def note_contact(lane):
     lane.normal_min = min(lane.normal_min, -lane.lift1.value)
 
 
-@njit(fastmath=FASTMATH, forceinline=True, **INNER)
-def jump(lane):
-    """Let the force jump, at the end of the step, to that of a lane's new mode.
-
-    Both its values count as extremes of the contact.
-    """
-    note_contact(lane)
-    model = lane.problem.model
-    y = lane.y1
-    f = model.rhs(y, lane.constants)
-    lane.f1 = f
-    lane.rate1 = model.spin_rate(y, f)
-    lane.margin1 = lane.problem.modes.margin(lane, y, f)
-    lane.limit1 = lane.problem.modes.limit(lane, lane.h, y, f)
-    lane.ratio1, lane.lift1 = contact_points(lane, lane.h, y, f)
-    lane.root = 1.0
-
-
 # Reversals.
 
 
 @njit(**INNER)
 def is_dead(lane):
-    """Return whether too little energy is left for a reversal at the step's end."""
+    """Return whether too little energy is left for a reversal at the step's end.
+
+    The work of friction until there is `Lane.work1`.
+    """
     if lane.dead == 0.0:
         return False
-    return 1.0 + lane.problem.modes.work(lane) / lane.energy0 < lane.dead
+    return 1.0 + lane.work1 / lane.energy0 < lane.dead
 
 
 @njit(**INNER)
-def note_zero(lane, t, reversals):
+def note_zero(lane, t, reversals_recorded):
     """Note a zero of the spin at time ``t`` in a run that continues after it."""
     lane.n_least = min(lane.n_least, 0.0)
     lane.t_crossed = t
@@ -353,7 +296,7 @@ def note_zero(lane, t, reversals):
         return
     if lane.t_zero < 0.0:
         lane.t_zero = t
-    if recorded(reversals) and lane.t_pending < 0.0:
+    if reversals_recorded and lane.t_pending < 0.0:
         lane.t_pending = t
         lane.awaited = lane.far
 
@@ -427,107 +370,85 @@ def stalls(lane, moves):
 
 
 @njit(**INNER)
-def starts_off_plane(lane):
-    """Return whether the plane would have to pull at the start of the step.
-
-    Only a launch is so, as other steps end before; a body that slides says so itself.
-    """
-    if not lane.problem.model.lifts or lane.problem.slides:
-        return False
-    return lane.margin0 <= 0.0
+def fill_rows(problem, w, l, row, numbers, count):
+    """Write the first numbers of an array to rows of lane ``l``."""
+    for k in range(count):
+        w[(row + k) * problem.lanes + l] = numbers[k]
 
 
 @njit(**INNER)
-def start(lane, run, inputs):
-    """Start a run in a lane."""
+def start(problem, traits, w, l, run, inputs):
+    """Set launch and plan of the next run in a lane, whose model then begins it."""
+    lane = lane_of(problem, w, l)
     clear(lane)
-    model = lane.problem.model
     plan = inputs.plan[run]
     constants = inputs.constants[run]
     lane.run = run
     lane.root0 = 1.0
-    lane.y = first_of(inputs.y0[run], model.n_state)
-    lane.constants = first_of(constants, model.n_constants)
-    lane.probe = first_of(inputs.probe[run], model.n_probe)
-    lane.problem.modes.prepare(lane, constants, plan["rate"])
-    n, rate = derive(lane)
+    row = problem.first
+    fill_rows(problem, w, l, row, inputs.y0[run], traits.n_state)
+    row += 2 * traits.n_end
+    fill_rows(problem, w, l, row, constants, traits.n_constants)
+    row += traits.n_constants
+    fill_rows(problem, w, l, row, inputs.probe[run], traits.n_probe)
+    if traits.slides:
+        lane.mu = constants[traits.n_constants]
     lane.t_end = plan["horizon"]
     lane.swing = plan["swing"]
     lane.window = lane.window_end = plan["window"]
     lane.comparison = plan["first_comparison"]
     lane.next = min(plan["first_comparison"], plan["window"])
     lane.rate_max = plan["rate"]
-    lane.n_launch = lane.n0 = lane.window_n_min = lane.window_n_max = n
-    lane.rate0 = rate
-    lane.sign = lane.side = 1.0 if n > 0.0 else -1.0
     lane.far = plan["far"]
     lane.t_zero = lane.t_pending = lane.t_crossed = -1.0
     lane.awaited = NEVER
     if plan["tapped"] > 0.0:
         lane.awaited = plan["far"]
         lane.arm = 1.0
-        lane.arm_rate = lane.far_rate = plan["rate"]
-        lane.rate_max = UNKNOWN_RATE
-        lane.side = 0.0
-    lane.n_least = abs(n)
-    lane.energy0 = lane.energy_most = model.energy(lane.y, lane.constants)
     lane.rim = plan["rim"]
-    if lane.problem.modes.left(lane, lane.y) <= 0.0:
-        lane.watched = 1.0
-    lane.margin0 = lane.problem.modes.margin(lane, lane.y, lane.f)
-    if starts_off_plane(lane):
-        lane.watched = 1.0
-    lane.limit0 = lane.problem.modes.limit(lane, 0.0, lane.y, lane.f)
-    lane.ratio1, lane.lift1 = contact_points(lane, 0.0, lane.y, lane.f)
-    lane.normal_min = NEVER
-    note_contact(lane)
-    start_points(lane)
     lane.fuzz = plan["fuzz"]
     lane.dead = plan["dead"]
     lane.h_longest = plan["longest_step"]
     if plan["first_step"] >= lane.t_end:
         lane.last = 1.0
     lane.h = lane.h_next = min(plan["first_step"], lane.t_end)
-    lane.problem.modes.launch(lane)
-    lane.problem.tangents.start(lane)
 
 
 @njit(**INNER)
-def idle(lane):
-    """Empty a lane: a spinning state and steps of size zero, so that nothing is due."""
-    clear(lane)
-    lane.run = -1.0
-    lane.y, lane.constants, lane.probe = lane.problem.idle
-    n, _ = derive(lane)
-    lane.n0 = n
-    lane.sign = 1.0
-    lane.t_end = lane.window_end = lane.next = NEVER
-    lane.awaited = NEVER
-
-
-@njit(**INNER)
-def hold_back(lane):
+def hold_back(problem, traits, w, l):
     """Copy the start of a step that is not taken to its end."""
-    lane.y1 = lane.y
-    lane.f1 = lane.f
-    lane.v1 = lane.v
-    lane.g1 = lane.g
+    lane = lane_of(problem, w, l)
+    for k in range(traits.n_end):
+        start = (problem.first + k) * problem.lanes + l
+        w[start + traits.n_end * problem.lanes] = w[start]
     lane.n1 = lane.n0
     lane.rate1 = lane.rate0
     lane.amplitude = lane.a_max
     lane.root = lane.root0
-    if lane.problem.slides:
+    if traits.slides:
         lane.slip1 = lane.slip
 
 
 @njit(**INNER)
-def finish(lane, status, reversal, t, run, outputs, recording):
-    """Store the results of a run that ends with the step just tried, at time ``t``."""
-    lane.problem.tangents.note(lane, t, run, window_row(lane), recording.lyapunov)
-    if lane.problem.model.lifts:
+def advance(problem, traits, w):
+    """Move all lanes to the end of their step."""
+    size = traits.n_end * problem.lanes
+    start = problem.first * problem.lanes
+    copy_numbers(w, start, start + size, size)
+
+
+@njit(**INNER)
+def finish(problem, traits, w, l, status, reversal, t, outputs, recording):
+    """Store the results of a run that ends with the step just tried, at time ``t``.
+
+    The energy there is known (`Lane.energy1`).
+    """
+    lane = lane_of(problem, w, l)
+    run = int(lane.run)
+    if traits.lifts:
         note_energy(lane)
     energy0 = lane.energy0
-    drift = (lane.problem.modes.energy(lane) - energy0) / scale_of_energy(lane)
+    drift = (lane.energy1 - energy0) / scale_of_energy(traits, lane)
     if status in (OK, AT_LIMIT, RIM) and not abs(drift) <= MAX_ENERGY_DRIFT:
         status = ENERGY_OFF if isfinite(drift) else NONFINITE
     n = lane.n1
@@ -538,7 +459,7 @@ def finish(lane, status, reversal, t, run, outputs, recording):
     if recorded(recording.reversals):
         note_turn(lane, recording.reversals)
     # A failure after the first zero leaves it valid, unless the energy has drifted.
-    if goes_on(lane.problem, recording) and lane.t_zero > 0.0 and status != ENERGY_OFF:
+    if goes_on(traits, recording) and lane.t_zero > 0.0 and status != ENERGY_OFF:
         t_r = lane.t_zero
     if recorded(recording.energy):
         recording.energy[run, 0, 0] = max(lane.drift_max, abs(drift))
@@ -546,15 +467,6 @@ def finish(lane, status, reversal, t, run, outputs, recording):
         note_contact(lane)
         recording.contact[run, 0, 0] = lane.ratio_max
         recording.contact[run, 0, 1] = lane.normal_min
-    if recorded(recording.late) and status == OK and t >= lane.t_end:
-        late.note(lane)
-        mean, deviation = late.mean_and_deviation(lane)
-        recording.late[run, 0, 0] = mean
-        recording.late[run, 0, 1] = deviation
-    if recorded(recording.casimir):
-        if status in (OK, AT_LIMIT, RIM):
-            note_casimir(lane, recording.casimir)
-        store_casimir(lane, recording.casimir)
     if recorded(recording.volume) and status == OK:
         recording.volume[run, 0, 0] = (lane.volume + lane.h * lane.volume_rate1) / t
     result = outputs.results[run]
@@ -572,24 +484,25 @@ def finish(lane, status, reversal, t, run, outputs, recording):
     result["near_tangencies"] = int(lane.near)
     result["n_rejected"] = int(lane.rejected)
     result["n_turns"] = int(lane.reversals)
-    for i, component in enumerate(lane.y1):
-        outputs.y_end[run, i] = component
-    lane.problem.modes.store(lane, t, result)
-
-
-@njit(**INNER)
-def advance(problem, w):
-    """Move all lanes to the end of their step."""
-    widest_vectors()
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        y = lane.y1
-        f = lane.f1
-        lane.y = y
-        lane.f = f
+    end = (problem.first + traits.n_end) * problem.lanes + l
+    for i in range(traits.n_state):
+        outputs.y_end[run, i] = w[end + i * problem.lanes]
+    return status
 
 
 @njit(**INNER)
 def window_row(lane):
     """Return the row of the window in the table of growths."""
     return min(int(lane.window_no), N_WINDOWS - 1)
+
+
+@njit(**INNER)
+def growth_row(lane, t):
+    """Return the row of a time in the table of growths.
+
+    Growths are stored at the ends of windows, and those of a frame at the comparisons
+    in the first window, too.
+    """
+    if t < lane.window_end:
+        return N_WINDOWS + int(lane.compared)
+    return window_row(lane)

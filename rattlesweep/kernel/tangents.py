@@ -72,9 +72,10 @@ def advance_tangent(problem, w):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def note_tangent(lane, t, run, k, growths):
+def note_tangent(lane, t, k, growths):
     """Store the time and the tangent's growth in row ``k``."""
     barrier()
+    run = int(lane.run)
     growths[run, k, 0] = t
     growth = 0.5 * log(lane.problem.model.square(lane.v1, lane.constants))
     growths[run, k, 1] = growth + LOG_2 * lane.shift
@@ -142,7 +143,7 @@ def advance_frame(problem, w):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def note_frame(lane, t, run, k, growths):
+def note_frame(lane, t, k, growths):
     """Store the time and the five growths in row ``k``.
 
     Where the flow has decayed too far to tell its direction, the row stays empty.
@@ -153,6 +154,7 @@ def note_frame(lane, t, run, k, growths):
     if flow < NO_FLOW:
         return
     triangle = model.factor(lane.v1, lane.constants)
+    run = int(lane.run)
     growths[run, k, 0] = t
     for i in range(len(lane.length)):
         growth = log(lane.length[i] * triangle[i])
@@ -160,6 +162,11 @@ def note_frame(lane, t, run, k, growths):
     growths[run, k, FLOW_GROWTH] = 0.5 * log(flow) - lane.flow0
     growths[run, k, ENERGY_GROWTH] = lane.steep0 - 0.5 * log(steep)
     barrier()
+
+
+def note_growth(problem, w, l, t, k, growths):
+    """Store the growth of the tangents of lane ``l`` at time ``t`` in row ``k``."""
+    problem.tangents.note(lane_of(problem, w, l), t, k, growths)
 
 
 @njit(**INNER)

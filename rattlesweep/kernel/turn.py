@@ -8,11 +8,11 @@ run has ended takes the next run from a queue that all threads share.  The arith
 a run depends on its own numbers alone, so it yields the same bits in any lane, thread
 and batch.
 
-``attempt`` is compiled for each method and model, ``slide_lanes`` for each model that
-slides, `looks.look_within` for each model whose steps are looked into,
-:func:`decide_closely` once for all models.  They are called by their addresses
-(``parts``).  Sweeps (:func:`work_off`) and
-trajectories (`follow.record_steps`) are made of the same turns: :func:`try_step`,
+All this is compiled once for all models.  What depends on the model lies in ``parts``,
+which are called by their addresses: ``attempt``, compiled for each method and model,
+`answer.answer` for each model, and others where a model or a record needs them.
+:func:`look_closer` is such a part, too, as sweeps (:func:`work_off`) and trajectories
+(`follow.record_steps`) are made of the same turns: :func:`try_step`,
 :func:`look_closer` at the lanes that are due, :func:`commit`.
 """
 
@@ -31,7 +31,7 @@ from rattlesweep.compiling.intrinsics import (
     rough_root,
     widest_vectors,
 )
-from rattlesweep.kernel import runs
+from rattlesweep.kernel import answer, runs
 from rattlesweep.kernel.event import looks, peaks, zeros
 from rattlesweep.kernel.event.zeros import (
     ARRIVED,
@@ -42,13 +42,12 @@ from rattlesweep.kernel.event.zeros import (
     may_reverse,
 )
 from rattlesweep.kernel.look import late
-from rattlesweep.kernel.look.casimir import note_casimir
+from rattlesweep.kernel.mode import pivots, slides
 from rattlesweep.kernel.runs import recorded
 from rattlesweep.kernel.state.fields import HELD, NEVER, PEAK, PIVOTING, STEP, Point
 from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.kernel.state.statuses import (
     AT_LIMIT,
-    LIFTS_OFF,
     NONFINITE,
     OK,
     RIM,
@@ -67,10 +66,12 @@ class Options(NamedTuple):
     most_steps: float
 
 
-# Indices into ``parts``: the addresses of ``attempt``, of :func:`decide_closely`, of
-# :func:`looks.look_within` where :func:`looks_within` says so, and of
-# :func:`slides.slide_lanes` for a model that slides.
-ATTEMPT, DECIDE, LOOK, SLIDE = range(4)
+# Indices into ``parts``: the addresses of ``attempt``, of :func:`look_closer`, of
+# `answer.answer`; of `answer.answer_for_all` for models with modes or tangents, of
+# `looks.look_within` where :func:`looks_within` says so, of `slots.slide_lanes` for a
+# model that slides, of `notes.note_step` where :func:`takes_notes` says so, and of
+# `tangents.note_growth` for models with tangents.
+ATTEMPT, CLOSER, ANSWER, ANSWER_FOR_ALL, LOOK, SLIDE, NOTE, GROWTH = range(8)
 # Stages of :func:`decide_closely`: the zeros in a step tried, those after an event that
 # was found in it, the extremes in a step that is to be taken.
 ZEROS, AFTER_EVENT, PEAKS = 0, 1, 2
@@ -95,20 +96,26 @@ LEAST_ERROR = 1e-30
 
 
 @njit(**INNER)
+def ask(parts, asked, w, l):
+    """Ask the model of lane ``l`` for what changes neither a status nor a move."""
+    call_for_pair(parts[ANSWER], (asked, w, l, OK, HOLD, False, False))
+
+
+@njit(**INNER)
 def ends_at_limit(lane, move):
     """Return whether a step that is taken ends at the limit of its mode."""
     return move == TAKE and lane.h == lane.h_limit
 
 
 @njit(**INNER)
-def reject(problem, lane, max_steps):
+def reject(traits, lane, max_steps):
     """Let the step just tried be tried again, and shorter; return a status."""
     lane.rejected += 1.0
     lane.held = 1.0
     # If the error is NaN, this comparison is false, and the step shrinks by SHRINK.
     ratio = SAFETY_REJECTED / sqrt(sqrt(sqrt(sqrt(lane.error + LEAST_ERROR))))
     lane.h_next = lane.h * (ratio if ratio > SHRINK else SHRINK)
-    if not problem.adaptive:
+    if not traits.adaptive:
         return NONFINITE
     if lane.steps + lane.rejected >= max_steps:
         return STEP_LIMIT
@@ -117,14 +124,14 @@ def reject(problem, lane, max_steps):
     return OK
 
 
-def decide_closely(problem, w, l, max_steps, stage):
-    """Decide on the step tried on lane ``l``, where something is due.
+@njit(**INNER)
+def decide_closely(lane, max_steps, stage):
+    """Decide on the step tried on a lane where something is due.
 
-    The problem has no model.  Returns a status, which is OK if the run goes on, and a
+    Returns a status, which is OK if the run goes on, and a
     move: HOLD (the step is not taken), TAKE, REVERSED (the step is taken and ends at a
     zero of the spin), or ARRIVED (the spin is as far as awaited within the step).
     """
-    lane = lane_of(problem, w, l)
     if stage == ZEROS:
         move = search_zeros(lane)
     elif stage == AFTER_EVENT:
@@ -163,53 +170,67 @@ def search_zeros(lane):
     return zeros.search(lane, start, Point(lane.h, lane.n1, lane.rate1))
 
 
+def deciding(adaptive: bool):
+    """Return the loop that decides on the steps of adaptive methods, or of others."""
+
+    @njit(**INNER)
+    def decide_all(problem, w, dt, max_steps):
+        widest_vectors()
+        bits = 0
+        for l in range(problem.lanes):
+            lane = lane_of(problem, w, l)
+            h = lane.h
+            error = lane.error
+            accept = error <= 1.0
+            root = 1.0
+            h_next = dt
+            if adaptive:
+                # PI control of low gain (docs/design.md); no growth right after a
+                # rejection.
+                root = rough_root(error + LEAST_ERROR)
+                ratio = SAFETY * lane.root0 / (root * root)
+                h_next = h * (1.0 if (lane.held > 0.0) & (ratio > 1.0) else ratio)
+                longest = lane.h_longest
+                h_next = h_next if h_next < longest else longest
+            reverses = may_reverse(h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
+            # A spin that is held does not reverse, nor one of which no zero counts.
+            reverses &= (lane.sign != 0.0) & (lane.mode != HELD)
+            # With 'or' instead of '|' the later operands would be loaded under a mask.
+            due = (
+                reverses
+                | (lane.last > 0.0)
+                | (lane.search > 0.0)
+                | (lane.t + h >= lane.next)
+                | (lane.steps >= max_steps)
+                | (lane.watched > 0.0)
+                | (not accept)
+            )
+            bits |= (1 if due else 0) << l
+            lane.h_next = h_next
+            lane.root = root
+            lane.accept = 1.0 if accept else 0.0
+        return bits
+
+    return decide_all
+
+
+decide_adaptive = deciding(True)
+decide_fixed = deciding(False)
+
+
 @njit(**INNER)
-def decide(problem, w, dt, max_steps):
+def decide(problem, traits, w, dt, max_steps):
     """Decide on the step tried on every lane, and return which lanes are due, as bits.
 
     Of a lane all is read before any is written (:func:`commit`).
     """
-    widest_vectors()
-    bits = 0
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        h = lane.h
-        error = lane.error
-        accept = error <= 1.0
-        root = 1.0
-        h_next = dt
-        if problem.adaptive:
-            # PI control of low gain (docs/design.md); no growth right after a
-            # rejection.
-            root = rough_root(error + LEAST_ERROR)
-            ratio = SAFETY * lane.root0 / (root * root)
-            h_next = h * (1.0 if (lane.held > 0.0) & (ratio > 1.0) else ratio)
-            longest = lane.h_longest
-            h_next = h_next if h_next < longest else longest
-        reverses = may_reverse(h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
-        if problem.model.n_tangents > 1:
-            reverses &= lane.sign != 0.0
-        if problem.pivots:
-            reverses &= lane.mode != HELD
-        # With 'or' instead of '|' the later operands would be loaded under a mask.
-        due = (
-            reverses
-            | (lane.last > 0.0)
-            | (lane.search > 0.0)
-            | (lane.t + h >= lane.next)
-            | (lane.steps >= max_steps)
-            | (lane.watched > 0.0)
-            | (not accept)
-        )
-        bits |= (1 if due else 0) << l
-        lane.h_next = h_next
-        lane.root = root
-        lane.accept = 1.0 if accept else 0.0
-    return bits
+    if traits.adaptive:
+        return decide_adaptive(problem, w, dt, max_steps)
+    return decide_fixed(problem, w, dt, max_steps)
 
 
 @njit(**INNER)
-def commit(problem, w):
+def commit(problem, traits, parts, w):
     """Move all lanes to the end of the step tried, and set their next step.
 
     No load or store is masked, as masked ones are slow with AVX2.  All of a lane is
@@ -217,9 +238,16 @@ def commit(problem, w):
     to an address that is the same modulo 4 KiB, as it is 16 rows further.
     """
     widest_vectors()
-    runs.advance(problem, w)
-    problem.modes.advance(problem, w)
-    problem.tangents.advance(problem, w)
+    runs.advance(problem, traits, w)
+    if traits.slides or traits.pivots or traits.has_tangents:
+        call_for_pair(parts[ANSWER_FOR_ALL], (answer.ADVANCE, w, 0))
+    move_on(problem, w)
+
+
+@njit(**INNER)
+def move_on(problem, w):
+    """Let the times and sizes of all lanes be those of their next step."""
+    widest_vectors()
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         accept = lane.accept
@@ -260,9 +288,9 @@ def commit(problem, w):
 
 
 @njit(**INNER)
-def watch(problem, w, recording):
+def watch(problem, traits, parts, w, recording):
     """Update the records of lanes whose step was accepted."""
-    if problem.limited:
+    if traits.limited:
         runs.advance_limit(problem, w)
     if not is_recording(recording):
         return
@@ -271,13 +299,16 @@ def watch(problem, w, recording):
         if lane.accept == 0.0:
             continue
         if recorded(recording.energy) and lane.energy0 > 0.0:
-            if problem.model.lifts:
+            ask(parts, answer.MEASURE, w, l)
+            if traits.lifts:
                 runs.note_energy(lane)
-            off = abs(problem.modes.energy(lane) - lane.energy0)
-            scale = runs.scale_of_energy(lane)
+            off = abs(lane.energy1 - lane.energy0)
+            scale = runs.scale_of_energy(traits, lane)
             lane.drift_max = max(lane.drift_max, off / scale)
-        if recorded(recording.late):
-            late.note(lane)
+        if takes_notes(recording):
+            casimir = recording.casimir
+            noted = recorded(recording.late), recorded(casimir), False
+            call(parts[NOTE], (w, l, *noted, casimir))
         if recorded(recording.contact):
             runs.note_contact(lane)
         if recorded(recording.windows):
@@ -285,8 +316,6 @@ def watch(problem, w, recording):
             lane.window_n_max = max(lane.window_n_max, lane.n1)
         if recorded(recording.reversals):
             runs.note_turn(lane, recording.reversals)
-        if recorded(recording.casimir):
-            note_casimir(lane, recording.casimir)
         if recorded(recording.volume):
             lane.volume += lane.h * lane.volume_rate1
         if recorded(recording.contact):
@@ -302,9 +331,14 @@ def is_recording(recording):
         or recorded(recording.windows)
         or recorded(recording.reversals)
         or recorded(recording.volume)
-        or recorded(recording.late)
-        or recorded(recording.casimir)
+        or takes_notes(recording)
     )
+
+
+@njit(**INNER)
+def takes_notes(recording):
+    """Return whether something is noted that depends on the model."""
+    return recorded(recording.late) or recorded(recording.casimir)
 
 
 @njit(**INNER)
@@ -318,107 +352,176 @@ def looks_within(recording):
 
 
 @njit(**INNER)
-def look(problem, parts, w, stage, recording):
+def look(parts, w, stage, recording):
     """Look into the steps tried on all lanes."""
     kept = recorded(recording.contact), recorded(recording.reversals), recording.marks
-    call(parts[LOOK], (problem, w, stage, *kept))
+    call(parts[LOOK], (w, stage, *kept))
 
 
 @njit(forceinline=True, **INNER)
-def try_step(problem, parts, w, options, recording):
+def try_step(problem, traits, parts, w, options, recording):
     """Try a step on every lane, decide on it, and return which lanes are due.
 
-    Lanes may wait for a turn that more lanes share (`slides.plan_sliding`).
+    Lanes may wait for a turn that more lanes share (`slots.plan_sliding`).
     """
-    rolls, some_slide = problem.modes.plan(problem, w)
+    rolls = True
+    some_slide = False
+    if traits.slides:
+        planned = call_for_pair(parts[ANSWER_FOR_ALL], (answer.PLAN, w, 0))
+        rolls = planned[0] != 0
+        some_slide = planned[1] != 0
     if rolls:
-        call(parts[ATTEMPT], (problem, w, options.scale))
-        problem.modes.observe_limit(problem, w)
+        call(parts[ATTEMPT], (w, options.scale))
+        if traits.limited:
+            call_for_pair(parts[ANSWER_FOR_ALL], (answer.OBSERVE, w, 0))
         if recorded(recording.contact):
-            look(problem, parts, w, looks.ROLLED, recording)
-    if problem.slides and some_slide:
+            look(parts, w, looks.ROLLED, recording)
+    if some_slide:
         # Lanes that slide replace what was done to them.
         fewest = slots.FEWEST_SLIDING if rolls else WIDTH
-        arguments = problem, w, options.scale, recorded(recording.contact), fewest
-        call(parts[SLIDE], arguments)
+        call(parts[SLIDE], (w, options.scale, recorded(recording.contact), fewest))
     if looks_within(recording):
-        look(problem, parts, w, looks.STEPPED, recording)
-    due = decide(problem, w, options.fixed_step, options.most_steps)
+        look(parts, w, looks.STEPPED, recording)
+    due = decide(problem, traits, w, options.fixed_step, options.most_steps)
     if some_slide:
-        due = problem.modes.decide(problem, w, due)
+        due, _ = call_for_pair(parts[ANSWER_FOR_ALL], (answer.DECIDE, w, due))
     return due
 
 
-@njit(forceinline=True, **INNER)
-def look_closer(problem, parts, w, l, max_steps, recording):
+def look_closer(problem, traits, parts, w, l, max_steps, goes_on, reversals, marks):
     """Decide on the step tried on lane ``l``, which is due; return a status and a move.
 
-    At a limit the lane may change its mode.
+    At a limit the lane may change its mode.  ``goes_on`` says whether the run goes on
+    after a zero of the spin; ``reversals`` and ``marks`` are recorded if they have
+    runs.
     """
     lane = lane_of(problem, w, l)
-    if problem.modes.left(lane, lane.y) <= 0.0:
-        # It was launched beyond the rim, and ends there.
+    if lane.refused0 > 0.0:
+        # It was launched beyond the rim or off the plane, and ends there.
         lane.accept = 0.0
         lane.h = 0.0
         lane.last = 0.0
-        runs.hold_back(lane)
-        return RIM, TAKE
-    if runs.starts_off_plane(lane):
-        lane.accept = 0.0
-        lane.h = 0.0
-        lane.last = 0.0
-        runs.hold_back(lane)
-        return LIFTS_OFF, TAKE
-    status, move = search_closely(problem, parts, w, l, max_steps, recording)
+        runs.hold_back(problem, traits, w, l)
+        return int(lane.refused0), TAKE
+    if lane.dead > 0.0:
+        ask(parts, answer.MEASURE, w, l)
+    if traits.limited:
+        ask(parts, answer.LIMIT, w, l)
+    status, move = search_closely(traits, lane, max_steps, goes_on, reversals, marks)
     if status in (OK, AT_LIMIT) and runs.stalls(lane, move != HOLD):
         status = STEP_TOO_SMALL
         move = HOLD
         # The last point tried is no end of a step.
         lane.h = 0.0
-        runs.hold_back(lane)
+        runs.hold_back(problem, traits, w, l)
     if status == AT_LIMIT:
         # The step ends before the horizon.
         lane.last = 0.0
-    if status != OK or move != HOLD:
-        status, move = problem.modes.change(lane, status, move, recording)
+    if traits.limited and (status != OK or move != HOLD):
+        changed = answer.CHANGE, w, l, status, move, goes_on, recorded(reversals)
+        return call_for_pair(parts[ANSWER], changed)
     return status, move
 
 
-@njit(forceinline=True, **INNER)
-def search_closely(problem, parts, w, l, max_steps, recording):
-    """Search the step tried on lane ``l``; return a status and a move.
+@njit(**INNER)
+def search_closely(traits, lane, max_steps, goes_on, reversals, marks):
+    """Search the step tried on a lane; return a status and a move.
 
     First come zeros, which say where the step ends, and then, if it is taken, extremes
-    and marks within it.  If :func:`runs.goes_on`, a run goes on after a zero of the
-    spin.
+    and marks within it.
     """
-    lane = lane_of(problem, w, l)
     if lane.search == STEP and lane.accept == 0.0:
-        return reject(problem, lane, max_steps), HOLD
+        return reject(traits, lane, max_steps), HOLD
     if lane.search < PEAK:
-        problem.modes.look(lane)
-        status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, ZEROS))
-        goes_on = runs.goes_on(problem, recording)
+        status, move = decide_closely(lane, max_steps, ZEROS)
         while move == ARRIVED or (move == REVERSED and goes_on):
             if move == ARRIVED:
-                runs.note_far(lane, recording.reversals)
+                runs.note_far(lane, reversals)
             else:
                 t = lane.t + (lane.h - lane.t_low)
-                runs.note_zero(lane, t, recording.reversals)
-            status, move = call_for_pair(
-                parts[DECIDE], (problem, w, l, max_steps, AFTER_EVENT)
-            )
-        if move == TAKE and lane.t_zero >= 0.0 and not recorded(recording.reversals):
+                runs.note_zero(lane, t, recorded(reversals))
+            status, move = decide_closely(lane, max_steps, AFTER_EVENT)
+        if move == TAKE and lane.t_zero >= 0.0 and not recorded(reversals):
             # Only the first zero is asked for.
             lane.sign = 0.0
         # What to return once the extremes are found.
         lane.move = move
         if status not in (OK, AT_LIMIT) or move == HOLD or lane.watched == 0.0:
             return status, move
-    status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, PEAKS))
-    if recorded(recording.marks):
-        runs.note_mark(lane, recording.marks)
+    status, move = decide_closely(lane, max_steps, PEAKS)
+    if recorded(marks):
+        runs.note_mark(lane, marks)
     return status, move
+
+
+@njit(**INNER)
+def call_closer(traits, parts, w, l, max_steps, recording):
+    """Call :func:`look_closer` by its address."""
+    goes_on = runs.goes_on(traits, recording)
+    recorded_there = goes_on, recording.reversals, recording.marks
+    return call_for_pair(
+        parts[CLOSER], (traits, parts, w, l, max_steps, *recorded_there)
+    )
+
+
+@njit(**INNER)
+def compare_at(problem, traits, parts, w, l, t, recording):
+    """Make the comparisons and close the windows that are due by time ``t``."""
+    lane = lane_of(problem, w, l)
+    run = int(lane.run)
+    if traits.has_tangents:
+        row = runs.growth_row(lane, t)
+        if row < recording.lyapunov.shape[1]:
+            call(parts[GROWTH], (w, l, t, row, recording.lyapunov))
+    if traits.lifts and t >= lane.window_end:
+        ask(parts, answer.MEASURE, w, l)
+        runs.note_energy(lane)
+    runs.compare_due(lane, t, run, recording)
+
+
+@njit(**INNER)
+def settled(parts, w, l, lane, most):
+    """Return whether no amplitude grew in two windows and little oscillation is left.
+
+    ``most`` is the largest oscillation of a settled run, or 0 if none may settle.
+    """
+    if not runs.may_settle(lane, most):
+        return False
+    ask(parts, answer.SETTLE, w, l)
+    return lane.oscillation1 <= most
+
+
+@njit(**INNER)
+def start_run(problem, traits, parts, w, l, run, inputs):
+    """Begin a run in lane ``l``."""
+    runs.start(problem, traits, w, l, run, inputs)
+    ask(parts, answer.BEGIN, w, l)
+
+
+@njit(**INNER)
+def end_run(problem, traits, parts, w, l, status, reversal, t, outputs, recording):
+    """Store the results of a run that ends with the step just tried, at time ``t``."""
+    lane = lane_of(problem, w, l)
+    run = int(lane.run)
+    if traits.has_tangents:
+        row = runs.window_row(lane)
+        call(parts[GROWTH], (w, l, t, row, recording.lyapunov))
+    ask(parts, answer.MEASURE, w, l)
+    status = runs.finish(problem, traits, w, l, status, reversal, t, outputs, recording)
+    casimir = recording.casimir
+    if recorded(recording.late) and status == OK and t >= lane.t_end:
+        call(parts[NOTE], (w, l, True, False, False, casimir))
+        mean, deviation = late.mean_and_deviation(lane)
+        recording.late[run, 0, 0] = mean
+        recording.late[run, 0, 1] = deviation
+    if recorded(casimir):
+        is_sound = status in (OK, AT_LIMIT, RIM)
+        call(parts[NOTE], (w, l, False, is_sound, True, casimir))
+    result = outputs.results[run]
+    if traits.slides:
+        slides.store(lane, t, result)
+    if traits.pivots:
+        pivots.store(lane, t, result)
 
 
 @njit(**INNER)
@@ -435,18 +538,19 @@ def under_way(problem, w, plan):
 
 
 @njit(**INNER)
-def next_run(lane, shared, order, inputs):
+def next_run(problem, traits, parts, w, l, shared, order, inputs):
     """Start the next run of the queue in a lane; return whether there was one."""
     place = fetch_add(shared, NEXT_PLACE, 1)
     if place < order.size:
-        runs.start(lane, order[place], inputs)
+        start_run(problem, traits, parts, w, l, order[place], inputs)
         return True
-    runs.idle(lane)
+    ask(parts, answer.IDLE, w, l)
     return False
 
 
 def work_off(
     problem,
+    traits,
     thread,
     parts,
     w,
@@ -460,20 +564,20 @@ def work_off(
 ):
     """Integrate runs of the queue in one thread, until it is empty or a stop is asked.
 
-    ``parts`` are addresses, ``w`` is the thread's workspace, ``order`` the queue.
+    The problem has no model, which ``traits`` and ``parts`` stand for; ``w`` is the
+    thread's workspace, ``order`` the queue.
     """
     widest_vectors()
     plan = inputs.plan
-    watching = problem.limited or is_recording(recording)
+    watching = traits.limited or is_recording(recording)
     max_steps = options.most_steps
     busy = 0
     for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        if next_run(lane, shared, order, inputs):
+        if next_run(problem, traits, parts, w, l, shared, order, inputs):
             busy += 1
     turns = 0
     while busy > 0:
-        due = try_step(problem, parts, w, options, recording)
+        due = try_step(problem, traits, parts, w, options, recording)
         while due != 0:
             l = lowest_bit(due)
             due &= due - 1
@@ -482,9 +586,9 @@ def work_off(
             if run < 0:
                 lane.accept = 0.0
                 lane.h_next = 0.0
-                runs.hold_back(lane)
+                runs.hold_back(problem, traits, w, l)
                 continue
-            status, move = look_closer(problem, parts, w, l, max_steps, recording)
+            status, move = call_closer(traits, parts, w, l, max_steps, recording)
             t = lane.t + (lane.h - lane.t_low)
             reversal = move == REVERSED
             ended = status != OK or reversal
@@ -492,21 +596,32 @@ def work_off(
                 t = lane.t_end
                 ended = True
             if move == TAKE and not ended and t >= lane.next:
-                runs.compare_due(lane, t, run, recording)
-                ended = runs.settled(lane, plan[run]["settled"])
+                compare_at(problem, traits, parts, w, l, t, recording)
+                ended = settled(parts, w, l, lane, plan[run]["settled"])
             if ended:
                 lane.steps += 1.0
-                runs.finish(lane, status, reversal, t, run, outputs, recording)
+                end_run(
+                    problem,
+                    traits,
+                    parts,
+                    w,
+                    l,
+                    status,
+                    reversal,
+                    t,
+                    outputs,
+                    recording,
+                )
                 progress[thread, COST_DONE] += plan[run]["cost"]
                 progress[thread, ENDED] += 1.0
-                if not next_run(lane, shared, order, inputs):
+                if not next_run(problem, traits, parts, w, l, shared, order, inputs):
                     busy -= 1
                 lane.accept = 0.0
             if lane.accept == 0.0:
-                runs.hold_back(lane)
+                runs.hold_back(problem, traits, w, l)
         if watching:
-            watch(problem, w, recording)
-        commit(problem, w)
+            watch(problem, traits, parts, w, recording)
+        commit(problem, traits, parts, w)
         turns += 1
         if turns % TURNS_PER_REPORT == 0:
             if fetch_add(shared, STOP, 0) != 0:
@@ -517,6 +632,7 @@ def work_off(
 
 def drive(
     address,
+    traits,
     parts,
     threads,
     w,
@@ -528,8 +644,8 @@ def drive(
     outputs,
     recording,
 ):
-    """Call :func:`work` by its address on each thread: one driver for all problems."""
+    """Call :func:`work_off` by its address on each thread."""
     for thread in prange(threads):
-        own = thread, parts, w[thread]
+        own = traits, thread, parts, w[thread]
         common = shared, order, inputs, options, progress, outputs, recording
         call(address, own + common)

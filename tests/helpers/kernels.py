@@ -142,6 +142,6 @@ def attempt(method, model):
     )
 
 
-def problem(method, model):
-    """Return the `Problem` for which the kernel of a method and a model is compiled."""
-    return recipes.problem_of(find_model(model), METHODS[method].adaptive)
+def problem(model):
+    """Return the `Problem` for which the parts of a model are compiled."""
+    return recipes.problem_of(find_model(model))

@@ -41,10 +41,7 @@ MODELS = {
 }
 # Single kernels that one quick test would compile for itself.
 RARE = {
-    ("steps_recipe", "ellipsoid_rolling"),
-    ("steps_recipe", "full_shaken"),
-    ("steps_recipe", "reduced_pivoting"),
-    ("work_recipe", "full", True, "rimmed"),
+    ("answer_recipe", "full", "rimmed"),
 }
 
 _load = loading._load

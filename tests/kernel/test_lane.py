@@ -16,7 +16,7 @@ from rattlesweep.kernel.state.lane import Lane
 from rattlesweep.motion.model import FULL
 
 WIDTH = 2
-PROBLEM = problem_of(FULL, True, WIDTH)
+PROBLEM = problem_of(FULL, WIDTH)
 AT = PROBLEM.layout
 N_ROWS = AT.stages + FULL.n_state
 STAGE = AT.stages
@@ -78,10 +78,20 @@ def test_every_operation_is_that_of_its_python_twin():
 
 
 def test_a_lane_has_the_fields_that_are_described():
-    shared = problem_of(None, True).layout
+    shared = problem_of(None).layout
     for name, (row, _) in shared.fields.items():
         # A kernel without a model finds the same rows.
         assert AT.fields[name][0] == row or row == shared.stages
     rows = [row for row, _ in AT.fields.values()]
     assert rows == sorted(rows)
     assert AT.y < AT.y1 < AT.constants < AT.stages
+
+
+def test_numbers_of_a_workspace_are_copied():
+    @njit(error_model="numpy")
+    def copied(w, count):
+        intrinsics.copy_numbers(w, 1, 5, count)
+
+    w = np.arange(9.0)
+    copied(w, 3)
+    assert w.tolist() == [0, 5, 6, 7, 4, 5, 6, 7, 8]

@@ -82,7 +82,7 @@ class Slider:
     def __init__(self, batch, speed, angle, tol):
         model = find_model("ellipsoid_sliding")
         self._slide = njit(slots.slide_lanes, error_model="numpy")
-        self.problem = recipes.problem_of(model, True)
+        self.problem = recipes.problem_of(model)
         self.w = recipes.workspace(DOP853, model, 1)[0]
         self.cells = self.w.reshape(-1, LANES)[:, 0]
         self.scale = tol**-2

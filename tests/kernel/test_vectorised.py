@@ -12,7 +12,7 @@ import pytest
 from numba import float64, njit, typeof
 
 from rattlesweep.compiling.intrinsics import INNER
-from rattlesweep.kernel import runs, tangents, turn
+from rattlesweep.kernel import recipes, tangents, turn
 from rattlesweep.kernel.event import looks
 from rattlesweep.kernel.method.tableau import METHODS
 from rattlesweep.kernel.state.lane import lane_of
@@ -47,10 +47,14 @@ models = pytest.mark.parametrize(
     ],
 )
 
+TRAITS = typeof(recipes.TRAITS)
+# Pieces of the loop, which all models share, and of the parts of a model.
+SHARED = {
+    "decide_adaptive": (turn.decide_adaptive, (float64[::1], float64, float64)),
+    "decide_fixed": (turn.decide_fixed, (float64[::1], float64, float64)),
+    "move_on": (turn.move_on, (float64[::1],)),
+}
 PIECES = {
-    "decide": (turn.decide, (float64[::1], float64, float64)),
-    "commit": (turn.commit, (float64[::1],)),
-    "advance": (runs.advance, (float64[::1],)),
     "advance_tangent": (tangents.advance_tangent, (float64[::1],)),
     "observe_contact": (looks.observe_contact, (float64[::1],)),
     "observe_spin": (looks.observe_spin, (float64[::1],)),
@@ -73,7 +77,7 @@ def assembly(function, signature):
 
 def piece(name, method, model):
     """Return the machine code of a piece of a kernel."""
-    problem = typeof(kernels.problem(method, model))
+    problem = typeof(kernels.problem(model))
     if name == "attempt":
         return assembly(
             kernels.attempt(method, model), (problem, float64[::1], float64)
@@ -119,7 +123,7 @@ def models_that_roll():
 @pytest.mark.parametrize("model", [*models_that_roll()])
 def test_rates_are_vectorised(model):
     """The right-hand side alone: it compiles in a fraction of a step's time."""
-    problem = typeof(kernels.problem("dop853", model))
+    problem = typeof(kernels.problem(model))
     assert_vectorised(assembly(rates, (problem, float64[::1])))
 
 
@@ -134,18 +138,17 @@ def test_attempt_is_vectorised(method, model):
     )
 
 
-@kinds
-def test_decisions_are_vectorised(method, model):
-    text = piece("decide", method, model)
+@pytest.mark.parametrize("name", SHARED)
+def test_the_loop_is_vectorised(name):
+    function, arguments = SHARED[name]
+    text = assembly(function, (typeof(recipes.problem_of(None)), *arguments))
     assert_vectorised(text)
     # The ratio of two steps is a quotient.
-    assert (counts(text)["p", True] >= 1) == METHODS[method].adaptive
+    assert (counts(text)["p", True] >= 1) == (name == "decide_adaptive")
 
 
 @models
-def test_lanes_move_on_vectorised(model):
-    assert_vectorised(piece("commit", "dop853", model))
-    assert_vectorised(piece("advance", "dop853", model))
+def test_steps_are_looked_into_vectorised(model):
     assert_vectorised(piece("observe_spin", "dop853", model))
     if model == "full_tangent":
         assert_vectorised(piece("advance_tangent", "dop853", model))

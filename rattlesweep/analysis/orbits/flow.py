@@ -83,7 +83,7 @@ class Flow:
     def _kernel(self) -> tuple[Callable[..., Any], Any]:
         ellipsoid = self.inverse_semi_axis > 0.0
         (kernel,) = load_kernels((flow_recipe, ellipsoid))
-        return kernel, recipes.problem_of(_model_of(ellipsoid), True)
+        return kernel, recipes.problem_of(_model_of(ellipsoid))
 
     def __call__(self, state: Floats, time: float) -> Arrival:
         """Return where a state arrives after a time; NaN where it cannot be followed.
@@ -270,7 +270,7 @@ def _model_of(ellipsoid: bool) -> Model:
 
 def flow_recipe(ellipsoid: bool) -> Kernel:
     """Return :func:`carry` for paraboloids or ellipsoids."""
-    problem = recipes.problem_of(_model_of(ellipsoid), True)
+    problem = recipes.problem_of(_model_of(ellipsoid))
     number = np.zeros(1)
     arguments = problem, np.zeros((7, 5)), 1.0, number, 1.0, np.zeros((1, 1)), number
     options = {"nogil": True, "error_model": "numpy"}

@@ -12,12 +12,12 @@ something new is watched: the step is then searched (`event.zeros`).
 from numba import njit
 
 from rattlesweep.compiling.intrinsics import INNER, widest_vectors
+from rattlesweep.kernel.answer import contact_points
 from rattlesweep.kernel.event.peaks import mark_points
 from rattlesweep.kernel.event.zeros import may_be_far
 from rattlesweep.kernel.look import inside
 from rattlesweep.kernel.look.extremes import least_turn, turn_points
 from rattlesweep.kernel.look.marks import MARKS, value_of
-from rattlesweep.kernel.runs import contact_points
 from rattlesweep.kernel.state.fields import NEVER, PEAK, SLIDING, Peak, Point
 from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.physics.full import FASTMATH, scalar

@@ -147,7 +147,7 @@ def margin_of_force(lane, y, f):
 
 
 @njit(**INNER)
-def end_off_plane(lane, status, move, recording):
+def end_off_plane(lane, status, move, goes_on, reversals_recorded):
     """Return status and move of a run that ends where the body leaves the plane."""
     if status != AT_LIMIT:
         return status, move
@@ -156,13 +156,13 @@ def end_off_plane(lane, status, move, recording):
 
 
 @njit(**INNER)
-def go_on(lane, status, move, recording):
+def go_on(lane, status, move, goes_on, reversals_recorded):
     """Return status and move; the lane goes on as it is."""
     return status, move
 
 
 @njit(**INNER)
-def end_at_rim(lane, status, move, recording):
+def end_at_rim(lane, status, move, goes_on, reversals_recorded):
     """Return status and move of a run that has no other limit but the rim."""
     return RIM if status == AT_LIMIT else status, move
 
@@ -183,6 +183,12 @@ def energy(lane):
 def work(lane):
     """Return the work of friction until the end of the step, which is negative."""
     return lane.problem.model.work(lane.y1)
+
+
+@scalar
+def no_pivot_work(lane):
+    """Return the work of a torque that does not act."""
+    return 0.0
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -399,8 +405,8 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
         left=below_rim if rimmed else no_rim,
         energy=energy,
         work=work,
+        pivot_work=no_pivot_work,
         observe=observe,
-        store=in_turn([mode.store for mode in modes]),
         results=tuple(name for mode in modes for name, _ in mode.results),
     )
     if model.slide is not None:
@@ -420,6 +426,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
             combined,
             prepare=pivots.preparing(combined.prepare),
             settle=pivots.settle,
+            pivot_work=pivots.work,
             free=pivots.free,
             slow=pivots.slow,
             launch=pivots.launching(combined.launch),

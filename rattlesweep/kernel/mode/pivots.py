@@ -26,6 +26,7 @@ from rattlesweep.compiling.intrinsics import (
     widest_vectors,
 )
 from rattlesweep.kernel import runs
+from rattlesweep.kernel.answer import jump, note_energies
 from rattlesweep.kernel.event.zeros import REVERSED
 from rattlesweep.kernel.look.inside import (
     GLANCED,
@@ -271,7 +272,7 @@ def leave_zero(lane, t):
     give_slack(lane, lane.y1)
     if sense == 0.0:
         hold_spin(lane, lane.y1, t)
-    runs.jump(lane)
+    jump(lane)
     lane.limit1 = at_zero(lane.limit1)
     # A body that pivots computes its limit again, in `modes.look_at_limit`.
     lane.left_zero = lane.steps + 1.0
@@ -354,26 +355,31 @@ def advance(problem, w):
 
 
 @njit(**INNER)
+def work(lane):
+    """Return the work of the torque until the end of the step, which is negative."""
+    return lane.problem.model.pivot_work(lane.y1)
+
+
+@njit(**INNER)
 def store(lane, t, result):
     """Store the results of rests, and of the torque."""
     if lane.mode == HELD:
         lane.held_time += t - lane.t_hold
         # Without the rounding errors of the state, so that rows tell it is held.
         result["n_end"] = 0.0
-    pivot_work = lane.problem.model.pivot_work
     result["t_held"] = lane.t_held if lane.t_held >= 0.0 else nan
     result["held_time"] = lane.held_time
     result["pulled"] = lane.pulled
     # Zero and not -0 for a run without a torque.
-    result["pivot_work"] = 0.0 - pivot_work(lane.y1) / lane.energy0
+    result["pivot_work"] = 0.0 - lane.pivot_work1 / lane.energy0
 
 
 def preparing(base_prepare: Callable[..., None]) -> Callable[..., None]:
     """Return `ModeSet.prepare` of a model with the torque, from that without it."""
 
     @njit(**INNER)
-    def prepare(lane, constants, rate):
-        base_prepare(lane, constants, rate)
+    def prepare(lane, rate):
+        base_prepare(lane, rate)
         lane.t_held = -1.0
         lane.left_zero = -1.0
         lane.pulled = 0.0
@@ -420,7 +426,7 @@ def side_after(lane):
 
 
 @njit(**INNER)
-def gone_over(lane, t, status, move, recording):
+def gone_over(lane, t, status, move, goes_on, reversals_recorded):
     """Return status and move of a lane whose spin goes on in another way.
 
     A spin that returns to its side has not reversed.
@@ -428,10 +434,11 @@ def gone_over(lane, t, status, move, recording):
     side = side_after(lane)
     if status != OK or side * lane.sign >= 0.0 or lane.arm > 0.0:
         return status, move
-    if not runs.goes_on(lane.problem, recording):
+    if not goes_on:
         return OK, REVERSED
     lane.sign = side
-    runs.note_zero(lane, t, recording.reversals)
+    note_energies(lane)
+    runs.note_zero(lane, t, reversals_recorded)
     return status, move
 
 
@@ -440,16 +447,16 @@ def sliding_and_pivoting(sliding: Mode) -> Mode:
     change_sliding = sliding.change
 
     @njit(**KEPT_APART)
-    def change(lane, status, move, recording):
+    def change(lane, status, move, goes_on, reversals_recorded):
         apart()
         t = lane.t + (lane.h - lane.t_low)
         ends = status == OK and lane.slip1.speed == 0.0
-        status, move = change_sliding(lane, status, move, recording)
+        status, move = change_sliding(lane, status, move, goes_on, reversals_recorded)
         if not ends:
             return status, move
         if lane.mode == PIVOTING and lane.left_zero > lane.steps:
             lane.limit1 = at_zero(lane.limit1)
-        return gone_over(lane, t, status, move, recording)
+        return gone_over(lane, t, status, move, goes_on, reversals_recorded)
 
     return replace(sliding, change=change)
 
@@ -471,15 +478,15 @@ def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
         return both_of(rolling_limit(lane, h, y, f), held_point(lane, h, y, f))
 
     @njit(**INNER)
-    def slide(lane, t, status, move, recording):
+    def slide(lane, t, status, move, goes_on, reversals_recorded):
         was_held = lane.mode == HELD
-        status, move = change_rolling(lane, status, move, recording)
+        status, move = change_rolling(lane, status, move, goes_on, reversals_recorded)
         if was_held and lane.mode != HELD:
             release(lane, t)
         return status, move
 
     @njit(**KEPT_APART)
-    def change(lane, status, move, recording):
+    def change(lane, status, move, goes_on, reversals_recorded):
         apart()
         t = lane.t + (lane.h - lane.t_low)
         is_at_zero = False
@@ -488,16 +495,16 @@ def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
             other = rolling_limit(lane, lane.h, lane.y1, lane.f1)
             is_at_zero = distance_from_zero(lane) <= other.value
         if not is_at_zero:
-            status, move = slide(lane, t, status, move, recording)
+            status, move = slide(lane, t, status, move, goes_on, reversals_recorded)
             if lane.mode != mode:
-                return gone_over(lane, t, status, move, recording)
+                return gone_over(lane, t, status, move, goes_on, reversals_recorded)
             return status, move
         leave_zero(lane, t)
         status = OK
         if lane.limit1.value <= 0.0:
             # The force has jumped with the torque, beyond what friction can give.
-            status, move = slide(lane, t, AT_LIMIT, move, recording)
-        return gone_over(lane, t, status, move, recording)
+            status, move = slide(lane, t, AT_LIMIT, move, goes_on, reversals_recorded)
+        return gone_over(lane, t, status, move, goes_on, reversals_recorded)
 
     return (
         Mode(PIVOTING, limit, change, rolling.margin, observe_limit=note_pull),
@@ -508,6 +515,5 @@ def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
             observe_limit=observe_held,
             gives_way=may_give_way,
             results=RESULTS,
-            store=store,
         ),
     )

@@ -27,6 +27,7 @@ from rattlesweep.compiling.intrinsics import (
     moved,
 )
 from rattlesweep.kernel import runs
+from rattlesweep.kernel.answer import jump
 from rattlesweep.kernel.look.inside import (
     both,
 )
@@ -221,14 +222,14 @@ def end(lane, t):
         lane.mode = SLIDING
         runs.note_contact(lane)
         return slide_from_rest(lane)
-    runs.jump(lane)
+    jump(lane)
     lane.h_next = lane.h_rolling
     lane.slide_time += t - lane.t_begin
     return OK
 
 
 @njit(**INNER)
-def change_rolling(lane, status, move, recording):
+def change_rolling(lane, status, move, goes_on, reversals_recorded):
     """Begin a slide after a step that ends at the limit of friction."""
     if lane.refused > 0.0:
         return int(lane.refused), move
@@ -240,7 +241,7 @@ def change_rolling(lane, status, move, recording):
 
 
 @njit(**INNER)
-def change_sliding(lane, status, move, recording):
+def change_sliding(lane, status, move, goes_on, reversals_recorded):
     """End a slide after a step that ends at rest, or say why it cannot go on."""
     if lane.refused > 0.0:
         return int(lane.refused), move
@@ -266,10 +267,9 @@ def slide_point(lane, h, y, f):
 
 
 @njit(**INNER)
-def prepare(lane, constants, rate):
-    """Set what the equations need: the coefficient of friction."""
+def prepare(lane, rate):
+    """Note that the body has not slid."""
     lane.t_slide = -1.0
-    lane.mu = constants[lane.problem.model.n_constants]
 
 
 @njit(**INNER)
@@ -360,4 +360,4 @@ def observe_body(model, y, slip, constants, mu):
 
 
 ROLLING_MODE = Mode(ROLLING, hold_point, change_rolling, hold_margin, is_calm)
-SLIDING_MODE = Mode(SLIDING, slide_point, change_sliding, results=RESULTS, store=store)
+SLIDING_MODE = Mode(SLIDING, slide_point, change_sliding, results=RESULTS)

@@ -79,6 +79,7 @@ class Fields:
 
     # The run.
     run: Number  # index, or -1 in an empty lane
+    refused0: Number  # status of a launch that ends at once, or 0
     t: Number  # time
     t_low: Number  # its low part in a compensated sum
     t_end: Number  # horizon
@@ -98,6 +99,12 @@ class Fields:
     amplitude: Number  # squared, at the end
     last: Flag  # whether the step ends at the horizon
     held: Flag  # whether it repeats a rejected one
+    # What the model says of its end when asked (`kernel.answer`): the energy less the
+    # work, the work of friction and of pivoting, the largest oscillation.
+    energy1: Number
+    work1: Number
+    pivot_work1: Number
+    oscillation1: Number
 
     # The decision on it.
     accept: Flag  # whether the lane takes the step
@@ -200,7 +207,7 @@ class Fields:
     refused: Number  # status of a body that can neither roll nor slide at launch, or 0
     past_h: Number  # size of the last step of the slide, 0 if there is none
     tried_h: Number  # the same of the step tried
-    # Ratio of the next step to the step tried, 0 where `kernel.decide` finds it.
+    # Ratio of the next step to the step tried, 0 where `turn.decide` finds it.
     stretch: Number
     rise: Number  # 18th root of the squared error of the step tried
     past_rise: Number  # the same of the last step
@@ -259,16 +266,17 @@ class Fields:
     steep0: Number  # logarithm of the norm of the energy's gradient at launch
 
     # What depends on the model: the fields from `y` on.
+    # First the start of a step, then its end in the same order (`Traits.n_end`).
     y: State  # at the start of the step
     f: State  # derivative
-    y1: State  # at its end
-    f1: State
-    constants: Constants
-    probe: Probe
     v: Tangent
     g: Tangent  # its derivative
+    y1: State  # at its end
+    f1: State
     v1: Tangent
     g1: Tangent
+    constants: Constants
+    probe: Probe
     ys: Stage  # the state in a stage
     fs: Stage
     # Growth of the tangents of a frame so far, with powers of two taken out.

@@ -56,8 +56,9 @@ class Mode:
     number: float  # `lane.mode`
     # limit(lane, h, y, f): positive while the body moves so
     limit: Callable[..., Point]
-    # change(lane, status, move, recording): after a step that is taken or ends the run,
-    # let the lane go over to the mode that follows; return the status and the move then
+    # change(lane, status, move, goes_on, reversals_recorded): after a step that is
+    # taken or ends the run, let the lane go over to the mode that follows; return the
+    # status and the move then
     change: Callable[..., tuple[int, int]]
     # margin(lane, y, f): of a mode in which most lanes are, a smooth function with the
     # sign of the limit; None where the limit is never zero
@@ -71,10 +72,8 @@ class Mode:
     # gives_way(lane): whether the plane may let a spin go that it holds in the step
     # tried, from a closer look
     gives_way: Callable[..., bool] = never
-    # Fields that it adds to the results of a run, with their types, and
-    # store(lane, t, result), which writes them at the end of the run, the time t.
+    # Fields that it adds to the results of a run, with their types.
     results: tuple[tuple[str, type], ...] = ()
-    store: Callable[..., None] | None = None
 
 
 @dataclass(frozen=True)
@@ -95,8 +94,8 @@ class ModeSet:
     # decide(problem, w, due): decide on lanes that slide or wait; return which are due
     decide: Callable[..., int]
     change: Callable[..., tuple[int, int]]
-    # prepare(lane, constants, rate): set what the equations need of a launch, of which
-    # `constants` are all and `rate` bounds the rate of the spin
+    # prepare(lane, rate): set what the equations need of a launch, of which `rate`
+    # bounds the rate of the spin
     prepare: Callable[..., None]
     # launch(lane): go over to the mode of the launch, once the run is started
     launch: Callable[..., None]
@@ -111,14 +110,15 @@ class ModeSet:
     advance: Callable[..., None]
     # left(lane, y): height from the contact up to the rim; 1 without a rim
     left: Callable[..., float]
-    # At the end of the step: the energy minus the work of friction, and this work.
+    # At the end of the step: the energy minus the work of friction, this work, and that
+    # of pivoting.
     energy: Callable[..., float]
     work: Callable[..., float]
+    pivot_work: Callable[..., float]
     # observe(model, y, slip, constants, mu): energy minus work, normal and tangential
     # force, torque of friction along the vertical
     observe: Callable[..., tuple[float, float, float, float]]
-    store: Callable[..., None]
-    results: tuple[str, ...]  # names of the fields that `store` writes
+    results: tuple[str, ...]  # names of the fields that modes add to those of a run
 
 
 @dataclass(frozen=True)
@@ -127,12 +127,12 @@ class Tangents:
 
     start: Callable[..., None]
     advance: Callable[..., None]
-    # note(lane, t, run, k, growths): store the growth in row k
+    # note(lane, t, k, growths): store the growth in row k of the run
     note: Callable[..., None]
 
 
 class Problem:
-    """What a kernel is compiled for: a model, the kind of method, the number of lanes.
+    """What a kernel is compiled for: a model, or none, and the number of lanes.
 
     The runs of a rimmed problem end where the contact passes the rim of their body.
 
@@ -145,7 +145,6 @@ class Problem:
     def __init__(
         self,
         model: Model | None,
-        adaptive: bool,
         lanes: int = LANES,
         modes: ModeSet | None = None,
         tangents: Tangents | None = None,
@@ -153,9 +152,6 @@ class Problem:
         block: Any = None,
     ) -> None:
         if model is not None:
-            # The state of a sweep lacks the extra components of the model.
-            self.n_given = model.n_state - model.n_extra
-            self.extra = (0.0,) * model.n_extra
             # State, constants and probe of an empty lane.
             state = (1.0,) * model.n_state
             constants = (1.0,) * model.n_constants
@@ -163,19 +159,18 @@ class Problem:
             self.slides = model.slide is not None
             self.pivots = model.pivot is not None
             has_limit = self.slides or self.pivots or model.limit is not None
-            self.limited = has_limit or rimmed
+            self.limited = has_limit or bool(model.lifts) or rimmed
         self.model = model
         if modes is not None and tangents is not None:
             self.modes = modes
             self.tangents = tangents
         self.block = block  # `block.Block` of a model that slides
-        self.name = f"{model.name if model else 'any'}_"
-        self.name += f"{'adaptive' if adaptive else 'fixed'}_{lanes}"
+        self.name = f"{model.name if model else 'any'}_{lanes}"
         if rimmed:
             self.name += "_rimmed"
-        self.adaptive = adaptive
         self.lanes = lanes
         self.layout = Layout(model)
+        self.first = self.layout.y  # first row of the fields that depend on the model
         self.known[self.name] = self
 
 
@@ -202,7 +197,7 @@ class RecordType(types.Type):
         return record
 
 
-# Without members a record takes no argument in machine code, so `kernel.drive` leaves
+# Without members a record takes no argument in machine code, so `turn.drive` leaves
 # it out.
 @extending.register_model(RecordType)
 class _RecordModel(extending.models.StructModel):

@@ -13,7 +13,6 @@ from rattlesweep.compiling.intrinsics import (
     moved,
     rough_root,
 )
-from rattlesweep.kernel import runs
 from rattlesweep.kernel.look.inside import (
     both,
     both_of,
@@ -447,7 +446,13 @@ def set_limit(lane):
 @njit(**INNER)
 def hold_back(lane):
     """Copy the start of a step that is not taken to its end, with its forces."""
-    runs.hold_back(lane)
+    lane.y1 = lane.y
+    lane.f1 = lane.f
+    lane.n1 = lane.n0
+    lane.rate1 = lane.rate0
+    lane.amplitude = lane.a_max
+    lane.root = lane.root0
+    lane.slip1 = lane.slip
     lane.limit1 = lane.limit0
     lane.ratio1 = lane.ratio0
     lane.lift1 = lane.lift0

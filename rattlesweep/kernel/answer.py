@@ -1,0 +1,176 @@
+"""What only a model can tell of its lanes, when the loop asks.
+
+The loop (`kernel.turn`, `kernel.runs`) is compiled once for all models.  It knows the
+fields that all lanes have, and asks for the rest by numbers: :func:`answer` for one
+lane where something is due, :func:`answer_for_all` in each turn of a model with modes
+or tangents.  Both are compiled for each model and called by their addresses.
+"""
+
+# mypy: ignore-errors
+from numba import njit
+
+from rattlesweep.compiling.intrinsics import INNER, moved
+from rattlesweep.kernel.runs import UNKNOWN_RATE, note_contact, start_points
+from rattlesweep.kernel.state.fields import DIFFERENCE, NEVER, Point
+from rattlesweep.kernel.state.lane import clear, lane_of
+from rattlesweep.kernel.state.statuses import LIFTS_OFF, OK, RIM
+from rattlesweep.physics.full import FASTMATH, scalar
+
+# What is asked for one lane.
+BEGIN, IDLE, DERIVE, MEASURE, SETTLE, LIMIT, CHANGE = range(7)
+# What is asked for all lanes.
+PLAN, OBSERVE, DECIDE, ADVANCE = range(4)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def derive(lane):
+    """Set the derivative at the start of the step, and return spin and its rate."""
+    y = lane.y
+    f = lane.problem.model.rhs(y, lane.constants)
+    lane.f = f
+    return lane.problem.model.spin(y), lane.problem.model.spin_rate(y, f)
+
+
+@scalar
+def contact_points(lane, h, y, f):
+    """Return the ratio of the contact forces and the negative normal force."""
+    # The rates are differences along the flow; an error of them only moves the place
+    # at which an extreme is evaluated.
+    ahead = DIFFERENCE / lane.swing
+    contact = lane.problem.model.contact
+    normal, tangential = contact(y, lane.constants)
+    ratio = tangential / abs(normal)
+    later_normal, tangential = contact(moved(y, f, ahead), lane.constants)
+    rate = (tangential / abs(later_normal) - ratio) / ahead
+    lift_rate = (normal - later_normal) / ahead
+    return Point(h, ratio, rate), Point(h, -normal, lift_rate)
+
+
+@njit(fastmath=FASTMATH, forceinline=True, **INNER)
+def jump(lane):
+    """Let the force jump, at the end of the step, to that of a lane's new mode.
+
+    Both its values count as extremes of the contact.
+    """
+    note_contact(lane)
+    model = lane.problem.model
+    y = lane.y1
+    f = model.rhs(y, lane.constants)
+    lane.f1 = f
+    lane.rate1 = model.spin_rate(y, f)
+    lane.margin1 = lane.problem.modes.margin(lane, y, f)
+    lane.limit1 = lane.problem.modes.limit(lane, lane.h, y, f)
+    lane.ratio1, lane.lift1 = contact_points(lane, lane.h, y, f)
+    lane.root = 1.0
+
+
+@njit(**INNER)
+def begin_run(lane):
+    """Begin the run of which the loop has set the launch and the plan."""
+    model = lane.problem.model
+    bound = lane.rate_max
+    lane.problem.modes.prepare(lane, bound)
+    n, rate = derive(lane)
+    lane.rate_max = bound
+    lane.n_launch = lane.n0 = lane.window_n_min = lane.window_n_max = n
+    lane.rate0 = rate
+    lane.sign = lane.side = 1.0 if n > 0.0 else -1.0
+    if lane.arm > 0.0:
+        lane.arm_rate = lane.far_rate = bound
+        lane.rate_max = UNKNOWN_RATE
+        lane.side = 0.0
+    lane.n_least = abs(n)
+    lane.energy0 = lane.energy_most = model.energy(lane.y, lane.constants)
+    lane.margin0 = lane.problem.modes.margin(lane, lane.y, lane.f)
+    # A body that slides says by itself that the plane would have to pull.
+    if model.lifts and not lane.problem.slides and lane.margin0 <= 0.0:
+        lane.refused0 = LIFTS_OFF
+    if lane.problem.modes.left(lane, lane.y) <= 0.0:
+        lane.refused0 = RIM
+    if lane.refused0 > 0.0:
+        lane.watched = 1.0
+    lane.limit0 = lane.problem.modes.limit(lane, 0.0, lane.y, lane.f)
+    lane.ratio1, lane.lift1 = contact_points(lane, 0.0, lane.y, lane.f)
+    lane.normal_min = NEVER
+    note_contact(lane)
+    start_points(lane)
+    lane.problem.modes.launch(lane)
+    lane.problem.tangents.start(lane)
+
+
+@njit(**INNER)
+def idle(lane):
+    """Empty a lane: a spinning state and steps of size zero, so that nothing is due."""
+    clear(lane)
+    lane.run = -1.0
+    lane.y, lane.constants, lane.probe = lane.problem.idle
+    n, _ = derive(lane)
+    lane.n0 = n
+    lane.sign = 1.0
+    lane.t_end = lane.window_end = lane.next = NEVER
+    lane.awaited = NEVER
+
+
+@njit(**INNER)
+def note_energies(lane):
+    """Note the energy and the work of friction at the end of the step just tried."""
+    lane.energy1 = lane.problem.modes.energy(lane)
+    lane.work1 = lane.problem.modes.work(lane)
+    lane.pivot_work1 = lane.problem.modes.pivot_work(lane)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def note_oscillation(lane):
+    """Note how large the oscillation is at the end of the step just tried."""
+    _, lane.oscillation1 = lane.problem.model.error(lane.y1, lane.y1, lane.constants)
+
+
+def answer(problem, asked, w, l, status, move, goes_on, reversals_recorded):
+    """Do what is asked for lane ``l``; return a status and a move.
+
+    These are those of the step just tried, which only CHANGE may replace.  ``goes_on``
+    says whether the run goes on after a reversal.
+    """
+    lane = lane_of(problem, w, l)
+    if asked == CHANGE:
+        recorded = goes_on, reversals_recorded
+        return problem.modes.change(lane, status, move, *recorded)
+    if asked == MEASURE:
+        note_energies(lane)
+    elif asked == LIMIT:
+        problem.modes.look(lane)
+    elif asked == SETTLE:
+        note_oscillation(lane)
+    elif asked == BEGIN:
+        begin_run(lane)
+    elif asked == DERIVE:
+        lane.n0, lane.rate0 = derive(lane)
+    else:
+        idle(lane)
+    return status, move
+
+
+def answer_rates(problem, asked, w, l, status, move, goes_on, reversals_recorded):
+    """Do what DERIVE asks, which is all for a model of which no run is begun."""
+    lane = lane_of(problem, w, l)
+    lane.n0, lane.rate0 = derive(lane)
+    return status, move
+
+
+def answer_for_all(problem, asked, w, due):
+    """Do what is asked for all lanes.
+
+    PLAN returns whether lanes that roll try a step in this turn and whether some slide,
+    DECIDE which lanes are ``due`` and 0, others nothing of use.
+    """
+    if asked == PLAN:
+        rolls, some_slide = problem.modes.plan(problem, w)
+        return 1 if rolls else 0, 1 if some_slide else 0
+    if asked == OBSERVE:
+        problem.modes.observe_limit(problem, w)
+    elif asked == ADVANCE:
+        problem.modes.advance(problem, w)
+        problem.tangents.advance(problem, w)
+    else:
+        return problem.modes.decide(problem, w, due), 0
+    return OK, 0
