@@ -13,7 +13,7 @@ law in each point of a circular patch under Hertz's pressure, with the radius ``
 """
 
 # mypy: disable-error-code="no-untyped-def"
-from math import asin, exp, pi, sqrt
+from math import asin, pi, sqrt
 
 from rattlesweep.physics import vectors
 from rattlesweep.physics.full import TINY, scalar
@@ -36,8 +36,6 @@ LEAST_CREEP = 1e-13
 # Largest `slip_of_patch` of a foot that is about to slide.  To the square of it, the
 # torque is the one without sliding.
 LEAST_SLIP = 1e-5
-# Largest share of the lever in `spin_of_share`; the spin is infinite at 1.
-MOST_SHARE = 0.999999
 
 
 @scalar
@@ -54,26 +52,6 @@ def share_of_lever(x):
     root = sqrt(square - 1.0)
     whole = (2.0 - 2.0 * square + 0.75 * square * square) * angle
     return (whole + 0.25 * root * (6.0 - 3.0 * square)) / pi
-
-
-@scalar
-def spin_of_share(share, lever, creep):
-    """Return the spin at which a sliding patch has the torque ``-share l F_n``.
-
-    ``creep`` is ``mu`` times the speed of sliding; ``share`` is from -1 to 1.  The
-    spin follows from the inverse of :func:`share_of_lever`, by bisection.
-    """
-    size = min(abs(share), MOST_SHARE)
-    low = -20.0
-    high = 300.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if share_of_lever(exp(middle)) > size:
-            low = middle
-        else:
-            high = middle
-    spin = creep * (3.0 * pi / 16.0) / (lever * exp(low))
-    return spin if share > 0.0 else -spin
 
 
 @scalar

@@ -104,6 +104,22 @@ def test_random_launches_end_alike_at_all_tolerances():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("seed", "n"), [(28, 3.407675e-5), (92, None)])
+def test_a_launch_from_rest_that_slides_at_once(seed, n):
+    """Spin and speed leave zero in the ratio of their rates, not as they were held.
+
+    The value is from 20 steps that begin as held and find the ratio by themselves.
+    """
+    body, launch = held_and_sliding(seed)
+    settings = launch | {"t_end": 0.01}
+    rough, run = (rs.simulate(body, **settings, tol=tol) for tol in (1e-9, 1e-12))
+    assert rough.status == run.status == "ok"
+    assert rough.n_end == pytest.approx(run.n_end, abs=1e-9)
+    if n is not None:
+        assert run.n_end == pytest.approx(n, rel=1e-6)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3, 5, 6, 7])
 def test_random_launches_are_those_of_the_oracle(seed):
     body, launch = held_and_sliding(seed)

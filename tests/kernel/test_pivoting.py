@@ -125,15 +125,6 @@ def test_share_of_the_lever_of_a_sliding_patch(x):
     )
 
 
-@pytest.mark.parametrize("share", [1e-6, 0.01, -0.3, 0.5, -0.9, 0.9999])
-def test_spin_at_which_a_sliding_patch_has_a_torque(share):
-    lever = 0.02
-    creep = 3e-10
-    n = pivoting.spin_of_share(share, lever, creep)
-    _, _, torque = pivoting.sliding_drag((0.0, 0.0, 1.0), n, lever, creep, 0.0)
-    assert torque == pytest.approx(-share * lever, rel=1e-12)
-
-
 @pytest.mark.parametrize("spin", [1e-8, -3e-6, 0.1])
 def test_a_foot_that_begins_to_slide_has_the_torque_it_had(spin):
     lever = 0.002

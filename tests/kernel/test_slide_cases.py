@@ -84,6 +84,12 @@ def test_ellipsoids_in_the_kernel_of_all_laws():
         assert out.iloc[1].pivot_work > 1e-3
 
 
+@pytest.mark.parametrize("lever", [1e-30, 1e-12])
+def test_a_spin_that_changes_while_the_foot_begins_to_slide(lever):
+    """The speed first grows as the spin does, so the first step needs both."""
+    assert_is_that_of_the_oracle(CASES[57], pivot=[lever, 1e-3])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("k", cases_of(ellipsoids=False, sigma=True))
 def test_paraboloids_with_another_loss(k):

@@ -13,7 +13,7 @@ from which it does.
 # mypy: ignore-errors
 from collections.abc import Callable
 from dataclasses import replace
-from math import copysign, nan
+from math import copysign, exp, nan, pi
 from typing import Any
 
 from numba import njit
@@ -42,12 +42,19 @@ from rattlesweep.kernel.state.fields import (
     PIVOTING,
     SLIDING,
     Point,
+    Slip,
 )
 from rattlesweep.kernel.state.lane import Mode, lane_of
 from rattlesweep.kernel.state.statuses import AT_LIMIT, OK
 from rattlesweep.kernel.step.sliding_motion import patch_rates
+from rattlesweep.kernel.step.sliding_step import (
+    BEGINNING,
+    contact_at_slip,
+    motion_of,
+)
 from rattlesweep.physics.full import FASTMATH, TINY, scalar
-from rattlesweep.physics.pivoting import LEAST_CREEP, least_creep, spin_of_share
+from rattlesweep.physics.pivoting import LEAST_CREEP, least_creep
+from rattlesweep.physics.sliding import outgoing
 
 RESULTS = (
     ("t_held", float),
@@ -61,6 +68,11 @@ PASSED = 1e-13
 # Smallest spin, over the lever, with which a slide begins: below it the decay of the
 # spin is too stiff.
 SMALLEST_SPIN = 1e-7
+# Logarithms of the least and largest `slip_of_patch` with which a foot leaves a rest
+# of spin and speed.  At the least its torque is 1e-6 below the one without sliding.
+SMALLEST_LOG_SLIP = -7.0
+LARGEST_LOG_SLIP = 300.0
+HALVINGS = 60
 # By what share of itself a spin that follows the speed to rest may miss it in the last
 # step.
 FOLLOWING = 0.1
@@ -186,24 +198,63 @@ def free(lane):
     """Let the foot begin to slide at the end of the step, with the torque it has.
 
     Where the spin is held, the foot begins to turn, as the torque of a sliding patch
-    depends on the ratio of spin and speed.  As the speed grows from zero, so does the
-    spin, and the torque stays the one that held it.
+    depends on the ratio of spin and speed.
     """
-    model = lane.problem.model
     lever = lever_of(lane)
-    spin = model.spin(lane.y1)
+    spin = lane.problem.model.spin(lane.y1)
     sense = lane.constants[-1]
     # Just after a rest the spin may be too small to be integrated.
     turning = sense * max(sense * spin, SMALLEST_SPIN * lever)
     least = least_creep(turning, lever)
     if sense == 0.0:
         least = LEAST_CREEP
-        torque, _, normal = model.pivot(lane.y1, lane.constants)
-        share = -torque / (lever * normal + TINY)
-        turning = spin_of_share(share, lever + TINY, least)
+    lane.constants = lane.constants[:-1] + (least,)  # noqa: RUF005
+    if sense == 0.0:
+        turning = spin_at_begin(lane)
     turn_end(lane, turning - spin)
     lane.n1 = turning
-    lane.constants = lane.constants[:-1] + (least,)  # noqa: RUF005
+
+
+@njit(fastmath=FASTMATH, **KEPT_APART)
+def spin_at_begin(lane):
+    """Return the spin, at the least creep, with which a foot leaves a rest of both.
+
+    Spin and speed grow from zero in proportion, with the torque that follows from
+    their ratio.  The ratio at which both rates have it is found by bisection.  Where
+    rolling ends at the limit of friction, the speed has no rate at first, so the torque
+    is the one that held the spin.
+    """
+    apart()
+    # Without a torque the spin grows to this side.
+    sense = 1.0 if lag_of_spin(lane, 0.0) > 0.0 else -1.0
+    unit = LEAST_CREEP * (3.0 * pi / 16.0) / (lever_of(lane) + TINY)
+    low = SMALLEST_LOG_SLIP
+    high = LARGEST_LOG_SLIP
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        if sense * lag_of_spin(lane, sense * unit * exp(-middle)) > 0.0:
+            high = middle
+        else:
+            low = middle
+    return sense * unit * exp(-low)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def lag_of_spin(lane, spin):
+    """Return the rate of the spin beyond that which keeps its ratio to the speed.
+
+    The foot leaves rest at the end of the step; ``spin`` is that at the least creep.
+    """
+    model = lane.problem.model
+    rest = Slip(BEGINNING, 0.0, lane.slip.work)
+    at = model.slide.place(lane.y1, rest, 0.0, lane.constants)
+    y = model.slide.turned(lane.y1, at.u, spin - model.spin(lane.y1))
+    contact, _, _ = contact_at_slip(lane, y, rest)
+    angle, leaves = outgoing(contact, lane.mu)
+    motion = motion_of(lane, y, Slip(BEGINNING, angle, lane.slip.work))
+    gain = max(0.0, motion.slip.speed) if leaves else 0.0
+    ratio = spin * lane.mu / LEAST_CREEP
+    return model.spin_rate(y, motion.f) - ratio * gain
 
 
 @njit(fastmath=FASTMATH, **INNER)

@@ -35,6 +35,7 @@ from rattlesweep.kernel.state.fields import (
 from rattlesweep.kernel.step.radau import METHOD
 from rattlesweep.kernel.step.sliding_motion import (
     contact_of,
+    contact_while_sliding,
     motion_at,
 )
 from rattlesweep.physics.full import FASTMATH, TINY
@@ -218,10 +219,12 @@ def guess_beginning(lane, z, column):
     n = len(lane.y)
     for i in range(STAGES):
         state = moved(lane.y, lane.f, lane.h * POINTS[i])
+        contact, _, at = contact_at_slip(lane, state, lane.slip)
         if model.pivot is not None:
-            # The torque is that of the start.
-            state = with_spin(lane, state, model.spin(lane.y))
-        contact, _, _ = contact_at_slip(lane, state, lane.slip)
+            # The torque is that of the start, although the spin goes on.
+            kept = with_spin(lane, state, model.spin(lane.y))
+            _, _, rubbed = contact_at_slip(lane, kept, lane.slip)
+            contact, _ = contact_while_sliding(at, rubbed.drag)
         angle, _ = settled_direction(contact, lane.mu, angle)
         _, _, along, _, _ = push(contact, lane.mu, angle)
         row = block.values + (n + SLIP_ANGLE) * STAGES + i
