@@ -105,6 +105,7 @@ WIDE_OF_PARABOLOIDS: dict[str, tuple[tuple[str, ...], int]] = {
     "wide-rolling": (("sigma", "rolling"), 3000),
     "wide-pivoting": (("sigma", "pivot"), 3000),
     "wide-rolling-pivoting": (("sigma", "rolling", "pivot"), 3000),
+    "wide-creep": (("sigma", "pivot", "creep"), 1005),
     "wide-sliding": (("sigma", "mu"), 2000),
     "wide-pivoting-sliding": (("sigma", "mu", "pivot", "creep"), 2000),
 }
@@ -113,6 +114,11 @@ for _name, (_losses, _size) in WIDE_OF_PARABOLOIDS.items():
     WIDE[_name] = "paraboloid", _losses, _size
     WIDE[f"ellipsoid-{_name}"] = "ellipsoid", _losses, _size
 WIDE_HORIZON = 600.0
+# Errors with creep are refused, and counted with the constants of pivoting.
+for _surface in ("paraboloid", "ellipsoid"):
+    error_fit.MOTION_FITS[_surface, "pivoting_creep"] = error_fit.MOTION_FITS[
+        _surface, "pivoting"
+    ]
 SETTINGS = (
     ("dop853", 1e-5),
     ("dop853", 1e-6),

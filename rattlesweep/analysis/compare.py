@@ -1,5 +1,6 @@
 """The differences between two directories of the same runs, or of two models."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from rattlesweep.words.errors import ConfigError, OutputError, printable
 from rattlesweep.words.quantities import INITIAL_RATES
 
 MOST_LISTED = 10
+# Keys of a config that determine the motion of a body after its launch.
+PHYSICS = ("model", "dissipation", "base")
 # Columns that identify a run; their last digits may differ between machines.
 _RUN = [*PARAMETERS, "n_i", "omega_xy0"]
 _LISTED = [
@@ -44,9 +47,9 @@ class Comparison:
     written as JSON: differing settings, counts in all and by case, types against types,
     the runs that differ most.
 
-    If the model or the dissipation differs, the differences are those of models:
-    ``data["of_models"]`` is true, and nothing is said to be beyond errors.  Runs are
-    then those of equal bodies and launches, and ``case_b`` is the case in `b`.
+    If the model, the dissipation or the base differs, the differences are those of
+    models: ``data["of_models"]`` is true, and nothing is said to be beyond errors.
+    Runs are then those of equal bodies and launches, and ``case_b`` is the case in `b`.
     """
 
     runs: pd.DataFrame
@@ -84,12 +87,16 @@ def compare(a: Path, b: Path) -> Comparison:
         frames.append(frame)
         missing.append(len(stored.cases) * stored.samples - len(frame))
     wrong = differences(_same_runs(stored_a), _same_runs(stored_b))[:3]
-    cases_a = _same_cases(stored_a)
-    cases_b = _same_cases(stored_b)
+    cases_a = stored_a.cases
+    cases_b = stored_b.cases
+    if of_models:
+        cases_a = _without_actions(cases_a)
+        cases_b = _without_actions(cases_b)
     matches = [cases_a.index(case) if case in cases_a else -1 for case in cases_b]
     if of_models and (-1 in matches or len({*cases_a}) < len(cases_a)):
         wrong.append(
-            "dissipation: each launch of the second needs one case in the first"
+            "each launch of the second needs one case in the first, without a list of "
+            "dissipation or base"
         )
     if not wrong and max(matches) < 0:
         wrong.append(f"no case is in both, such as {cases_a[0]} and {cases_b[0]}")
@@ -202,7 +209,7 @@ def _counted(
 
 def _same_runs(side: Stored) -> dict[str, object]:
     """Return what determines the runs, however they are integrated."""
-    how = ("integrator", "record", "classify", "model", "dissipation")
+    how = ("integrator", "record", "classify", *PHYSICS)
     data = {k: v for k, v in fixed_part(side.config).items() if k not in how}
     # A table may have moved; its content is compared row by row.
     data["bodies"] = {k: v for k, v in data["bodies"].items() if k != "path"}
@@ -213,19 +220,19 @@ def _same_runs(side: Stored) -> dict[str, object]:
 def _physics(side: Stored) -> dict[str, object]:
     """Return what determines the motion of a body after its launch."""
     config = resolved(side.config)
-    return {name: config.get(name) for name in ("model", "dissipation")}
+    return {name: config.get(name) for name in PHYSICS}
 
 
-def _same_cases(side: Stored) -> list[Case]:
-    """Return the targets and launches of the cases, without their dissipation."""
-    return [
+def _without_actions(cases: Sequence[Case]) -> tuple[Case, ...]:
+    """Return the targets and launches of cases, without what acts on the bodies."""
+    return tuple(
         replace(
             case,
             losses=(),
             in_si=tuple(of for of in case.in_si if of[0] in INITIAL_RATES),
         )
-        for case in side.cases
-    ]
+        for case in cases
+    )
 
 
 def _settings(side: Stored) -> dict[str, object]:

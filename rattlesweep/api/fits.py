@@ -37,6 +37,7 @@ def fit(
     error: NumberOrText | None = None,
     robust: bool = False,
     progress: bool | None = None,
+    base: tuple[NumberOrText, NumberOrText] | Mapping[str, Any] | None = None,
     **losses: NumberOrText,
 ) -> Fit | JointFit:
     """Fit parameters of one run to a measured angle or spin, or to reversal times.
@@ -70,8 +71,9 @@ def fit(
     free : sequence of str
         Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, pivot,
         creep, viscous, mu, skew`` (which is ``-xi``), ``xi, theta, phi, alpha, beta,
-        gamma, c``, and of a mapping ``length, width, height, mass, weights, wall,
-        axes_angle, f_sd``.  The search begins at their given values.
+        gamma, c``, with `base` also ``base_acceleration, base_phase``, and of a mapping
+        ``length, width, height, mass, weights, wall, axes_angle, f_sd``.  The search
+        begins at their given values.
     launch : mapping
         ``n_i, omega_xy0, psi`` or ``omega, u``; free parameters may be left out. For
         several films also a list.
@@ -81,6 +83,8 @@ def fit(
         Whether to leave out rows that are far off all others; a remark names them.
     progress : bool, optional
         Whether to show a bar, by default in a terminal and in a notebook.
+    base : tuple or mapping, optional
+        A plane that shakes, as for ``simulate``; its phase is that of time 0.
     **losses
         Dissipation, as for ``simulate``: ``sigma``, ``rolling``, ``pivot``,
         ``creep``, ``viscous`` and ``mu``.
@@ -90,7 +94,8 @@ def fit(
     ConfigError
         If an argument or the data are wrong, or the data are too few.
     """
-    options: dict[str, Any] = {"free": free, "error": error, "robust": robust, **losses}
+    options: dict[str, Any] = {"free": free, "error": error, "robust": robust}
+    options |= {"base": base, **losses}
     with Bar.of_call(progress) as bar:
         if isinstance(data, list | tuple):
             return fit_films(bar, body, data, launch=launch, **options)
@@ -128,6 +133,7 @@ def fit_with_progress(
     launch: Any,
     error: NumberOrText | None = None,
     robust: bool = False,
+    base: object = None,
     **losses: Any,
 ) -> Fit:
     """Fit as :func:`fit` does, and show the progress on a bar."""
@@ -138,7 +144,7 @@ def fit_with_progress(
 
     if isinstance(data, Mapping):
         arguments.refuse_units_of_columns("data", data)
-    run, stone, priors, names = _to_fit(body, free, launch, losses)
+    run, stone, priors, names = _to_fit(body, free, launch, base, losses)
     film = read_film(data, run.body.units, error, run.n_i)
     film = from_the_launch(film, run.n_i)
     with listening(bar.compiling):
@@ -153,6 +159,7 @@ def plan_of_fit(
     seconds: str,
     fps: float,
     error: NumberOrText | None = None,
+    base: object = None,
     **losses: Any,
 ) -> Fit:
     """Return the fit that a film of the given values would have, at its best."""
@@ -160,7 +167,7 @@ def plan_of_fit(
     from rattlesweep.analysis.fit.search import planned_fit
     from rattlesweep.analysis.fit.synthetic import synthetic_film
 
-    run, stone, priors, names = _to_fit(body, free, launch, losses)
+    run, stone, priors, names = _to_fit(body, free, launch, base, losses)
     table = synthetic_film(run, seconds, fps)
     film = read_film(table, run.body.units, error or FILM_ERROR, run.n_i)
     return planned_fit(run, film, names, stone, priors)
@@ -174,17 +181,22 @@ def film_of(
     fps: float,
     error: str,
     seed: int,
+    base: object = None,
     **losses: Any,
 ) -> pd.DataFrame:
     """Return a synthetic film of a stone."""
     from rattlesweep.analysis.fit.synthetic import synthetic_film
 
-    run, _, _, _ = _to_fit(body, ["n_i"], launch, losses)
+    run, _, _, _ = _to_fit(body, ["n_i"], launch, base, losses)
     return synthetic_film(run, seconds, fps, error, seed)
 
 
 def _to_fit(
-    body: object, free: Iterable[str], launch: Any, losses: Mapping[str, Any]
+    body: object,
+    free: Iterable[str],
+    launch: Any,
+    base: object,
+    losses: Mapping[str, Any],
 ) -> tuple[Launch, MeasuredBody, dict[str, Prior], list[str]]:
     """Return the run of a fit, its body, priors and free parameters."""
     from rattlesweep.analysis.fit.measured import (
@@ -204,7 +216,7 @@ def _to_fit(
     if not isinstance(body, MeasuredBody):
         body = MeasuredBody(arguments.one_body(body))
     values, errors = separate({**launch, **losses})
-    run = launch_of(body.body, **values)
+    run = launch_of(body.body, base=base, **values)
     priors = {**body.priors, **_priors(run, errors)}
     wanted = arguments.names_of("free", free)
     # What was measured with an error is free as well.

@@ -25,6 +25,7 @@ def prepare_stone(
     losses = {name: stone[name] for name in LOSSES if stone.get(name) is not None}
     values, _ = separate({**stone["launch"], **losses})
     values = {name: values[name] for name in values if name in LAUNCH_ARGUMENTS}
+    values["base"] = stone.get("base")
     values |= launch
     if "omega" not in values:
         values = {**defaults, **values}

@@ -88,9 +88,10 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
         numbers |= {name: float(value) for name, value in of_base.items()}
     values = derived(described, **numbers)
     friction = {quantity.name: quantity.value for quantity in values}["friction"]
-    # Sliding friction changes none of these quantities.
+    # Sliding friction changes none of these quantities, and a foot that slips under
+    # viscous friction needs none.
     mu = numbers.get("mu", COMMON_FRICTION)
-    if friction is not None and friction > mu:
+    if friction is not None and friction > mu and not numbers.get("viscous"):
         say(f"warning: {SLIPS_AT_REVERSAL.format(friction)}")
     if figure is not None:
         from rattlesweep.analysis.onerun.meshes import save_figure_of_mesh

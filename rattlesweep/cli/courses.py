@@ -157,7 +157,7 @@ def show(
     """Write an HTML page on which the body of one run rolls on the plane.
 
     The run is a launch of a body, or a stored run of DIRECTORY, chosen as in `replay`.
-    A stone file in place of DIRECTORY has body, launch and dissipation, of which
+    A stone file in place of DIRECTORY has body, launch, dissipation and base, of which
     options replace the launch. The body of a mesh is drawn as the mesh. The page needs
     a browser but no network.
     """

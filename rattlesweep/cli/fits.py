@@ -69,9 +69,9 @@ def fit(
 ) -> int:
     """Fit parameters of a stone to an angle or spin from a video, or to reversal times.
 
-    STONE is a YAML file with the keys body, launch, dissipation, free and error, in
-    which measured values may have a standard error, as in 60 +- 1 g. DATA is a CSV or
-    Parquet table with t_s and angle_deg or spin_rpm, or with reversal_s. Prints each
+    STONE is a YAML file with the keys body, launch, dissipation, base, free and error,
+    in which measured values may have a standard error, as in 60 +- 1 g. DATA is a CSV
+    or Parquet table with t_s and angle_deg or spin_rpm, or with reversal_s. Prints each
     free parameter with its 95 % interval, and correlations above 0.1. Exports of
     Tracker, Kinovea, phyphox, Sensor Logger and others are read as they are. Exits with
     3 if the run does not follow the data. docs/fit.md explains both files.
@@ -196,14 +196,15 @@ def film(
 ) -> None:
     """Print a synthetic film of a stone: the angle of its long axis from above, as CSV.
 
-    STONE is a stone file as for fit, with the values of launch and dissipation. Fit the
-    film, or see fit --plan, to learn how well a real one would tell the friction.
+    STONE is a stone file as for fit, with the values of launch, dissipation and base.
+    Fit the film, or see fit --plan, to learn how well a real one would tell the
+    friction.
     """
     from rattlesweep.api.fits import film_of
 
     if noise is not None:
         error = noise
-    arguments = pick(read_stone(stone), "body", "launch", *LOSSES)
+    arguments = pick(read_stone(stone), "body", "launch", "base", *LOSSES)
     try:
         table = film_of(seconds=seconds, fps=fps, error=error, seed=seed, **arguments)
     except ConfigError as failure:

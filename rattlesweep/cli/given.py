@@ -143,7 +143,7 @@ def stone_or_options(path: Path | None, given: Given) -> dict[str, Any]:
 def read_stone(path: Path) -> dict[str, Any]:
     """Return the arguments of :func:`rattlesweep.fit` in a YAML file."""
     from rattlesweep.analysis.fit.measured import measured_body, separate
-    from rattlesweep.api.arguments import require_units
+    from rattlesweep.api.arguments import columns_of_base, require_units
     from rattlesweep.config.read import checked, read_file
     from rattlesweep.config.schema import Stone
 
@@ -164,6 +164,9 @@ def read_stone(path: Path) -> dict[str, Any]:
         require_units(separate(stone.launch)[0], body.body.units)
         section = "dissipation"
         require_units(separate(losses)[0], body.body.units)
+        section = "base"
+        if stone.base is not None:
+            columns_of_base(stone.base, body.body.units)
     except ConfigError as error:
         message = one_line(str(error), 300)
         raise ConfigError(places.line((section,), message)) from None
@@ -171,6 +174,7 @@ def read_stone(path: Path) -> dict[str, Any]:
         "body": body,
         "free": stone.free,
         "launch": stone.launch,
+        "base": stone.base,
         # As a text, whose number needs the unit of the data.
         "error": None if stone.error is None else str(stone.error),
         **losses,

@@ -25,6 +25,7 @@ from rattlesweep.words.defaults import (
     VERDICT_STONES,
     VERDICT_TIME,
 )
+from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.quantities import LOSSES
 
 
@@ -109,6 +110,10 @@ def verdict(
     probe_files(figure)
     losses = pick(given, *LOSSES)
     known = stone_or_options(stone, given)
+    if known.get("base") is not None:
+        raise ConfigError(
+            f"{stone}: base: a verdict is about a plane at rest; leave base out"
+        )
     body = known["body"]
     losses = pick(known, *LOSSES) | losses
     with names_of_options(("spin", "push", "t_end", "samples", "length", *LOSSES)):

@@ -664,4 +664,5 @@ class Stone(Base):
     free: list[str] = Field(default_factory=list)
     launch: dict[str, object] = Field(default_factory=dict)
     dissipation: Losses = Field(default_factory=Losses)  # type: ignore[valid-type]
+    base: dict[str, object] | None = None
     error: float | str | None = None

@@ -97,10 +97,12 @@ class ActionConstant(Definition):
     takes_spin: bool = True
     # Whether a small oscillation about a spin has a rate of growth that theory knows.
     is_linear: bool = False
-    # Where the search of a fit begins, and its upper limit.  A torque per spin begins
-    # at multiples of gamma over the time of the data.
+    # Where the search of a fit begins, and its limits; most 0: it is not fitted.  A
+    # torque per spin begins at multiples of gamma over the time of the data.  What acts
+    # more and more toward zero, and not at zero, has a lower limit.
     first_values: tuple[float, ...] = ()
-    most_fitted: float = math.inf
+    least_fitted: float = 0.0
+    most_fitted: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -382,6 +384,7 @@ _DISSIPATION = (
         action="creep",
         letter="creep",
         first_values=(0.2, 0.4),
+        least_fitted=0.01,
         most_fitted=10.0,
     ),
     ActionConstant(
@@ -397,6 +400,7 @@ _DISSIPATION = (
         action="slip",
         letter="k",
         first_values=(30.0, 300.0),
+        least_fitted=0.1,
         most_fitted=1e6,
     ),
     ActionConstant(
@@ -413,6 +417,7 @@ _DISSIPATION = (
         takes_spin=False,
         is_linear=True,
         first_values=(0.2, 0.4),
+        least_fitted=1e-3,
         most_fitted=10.0,
     ),
 )
@@ -442,6 +447,8 @@ _DRIVES = (
         letter="ε",
         action="shaken",
         takes_spin=False,
+        first_values=(0.02, 0.1),
+        most_fitted=MAX_ACCELERATION,
     ),
     ActionConstant(
         name="base_phase",
@@ -454,6 +461,9 @@ _DRIVES = (
         action="shaken",
         takes_spin=False,
         is_linear=True,
+        # One in each quarter turn.
+        first_values=(-2.4, -0.8, 0.8, 2.4),
+        most_fitted=2 * math.pi,
     ),
 )
 

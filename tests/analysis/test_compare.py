@@ -273,5 +273,12 @@ def test_each_friction_is_compared_with_none(sweeps, tmp_path):
             pd.isna(run.t_r_a) and pd.isna(first["t_r"])
         )
         assert known
+    # Each friction with itself, at another tolerance.
+    looser = with_friction | {"integrator": {"tol": 1e-8}}
+    rs.sweep(looser, output=tmp_path / "looser", threads=1)
+    alike = told(tmp_path / "damped", tmp_path / "looser")
+    assert not alike["of_models"]
+    assert alike["total"]["worst"] < 1e-5
+    assert [case["sigma"] for case in alike["cases"]] == 8 * [1e-4, 1e-2]
     back = invoke("compare", tmp_path / "damped", sweeps / "a")
     assert_refused(back, 2, "each launch of the second needs one case in the first")

@@ -132,6 +132,9 @@ def wide_launches(size, seed, losses, ellipsoid=False):
         "mu": rng.uniform(0.1, 1, size),
         "creep": np.zeros(size),
     }
+    if "creep" in losses and "mu" not in losses:
+        # Beside slides the patch is one that does not give way.
+        strengths["creep"] = rng.uniform(0.1, 1, size)
     return table | {name: strengths[name] for name in losses}
 
 

@@ -7,6 +7,7 @@ import oracle
 import pytest
 import slip_oracle
 from numpy.testing import assert_allclose
+from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep.physics.body import PARAMETERS
@@ -169,6 +170,13 @@ def test_friction_of_a_stone_has_a_unit():
     assert run.n_end == same.n_end
     with pytest.raises(rs.ConfigError, match="unit"):
         rs.simulate(stone, viscous=2.0, **launch)
+
+
+def test_no_friction_is_asked_of_a_foot_that_slips():
+    launch = ("--preset", "GH", "--n-i", "-0.5", "--omega-xy0", "0.1")
+    assert "needs a coefficient of friction" in invoke("body", *launch).stderr
+    slipping = invoke("body", *launch, "--viscous", "30")
+    assert (slipping.exit_code, slipping.stderr) == (0, "")
 
 
 @pytest.mark.slow

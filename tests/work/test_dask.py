@@ -47,7 +47,17 @@ REFINED = SWEEP | {
     "spin": {"n_i": {"linspace": [-0.5, -0.1, 9]}, "omega_xy0": 0.01},
 }
 ENDLESS = SWEEP | {"horizon": {"t": 1e10}, "spin": {"n_i": -0.9, "omega_xy0": 1e-3}}
-RUBBED = SWEEP | {"dissipation": {"pivot": [1e-3, 5e-3]}}
+# What acts, by the name of a test.
+ACTIONS: dict[str, dict[str, Any]] = {
+    "pivot": {"dissipation": {"pivot": [1e-3, 5e-3]}},
+    "both": {"dissipation": {"pivot": 5e-3, "mu": [0.1, 0.3]}},
+    "creep": {"dissipation": {"pivot": 5e-3, "creep": [0.2, 0.4]}},
+    "viscous": {"dissipation": {"viscous": [50, 500]}},
+    "reduced": {
+        "model": "reduced",
+        "dissipation": {"sigma": 1e-3, "pivot": 1e-3, "creep": [0.3, 0.5]},
+    },
+}
 NEVER = 300  # seconds after which a test gives up waiting
 
 
@@ -169,17 +179,14 @@ def own_cluster(tmp_path, gate) -> Iterator[Cluster]:
     [
         pytest.param("quickstart", marks=pytest.mark.slow),
         "refine",
-        pytest.param("pivot", marks=pytest.mark.slow),
-        pytest.param("both", marks=pytest.mark.slow),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ACTIONS),
     ],
 )
 def test_rows_are_those_of_the_local_engine(name, cluster, tmp_path):
     config = REFINED
     sets = []
-    if name in ("pivot", "both"):
-        config = RUBBED
-    if name == "both":
-        config = RUBBED | {"dissipation": {"pivot": 5e-3, "mu": [0.1, 0.3]}}
+    if name in ACTIONS:
+        config = SWEEP | ACTIONS[name]
     if name == "quickstart":
         config = CONFIGS / "quickstart.yaml"
         sets = ["bodies.samples=6", "bodies.target.rel_tol=0.1"]

@@ -86,11 +86,21 @@ def test_what_is_done_is_kept(number, code, word, how, tiny_sweep, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("losses", ["pivot: [0.001, 0.005]", "pivot: 0.005, mu: 0.3"])
-def test_a_killed_sweep_with_friction_resumes_with_equal_rows(losses, tmp_path):
+@pytest.mark.parametrize(
+    "law",
+    [
+        "dissipation: {pivot: [0.001, 0.005]}",
+        "dissipation: {pivot: 0.005, mu: 0.3}",
+        "dissipation: {pivot: 0.005, creep: [0.2, 0.4]}",
+        "dissipation: {viscous: [50, 500]}",
+        "base: {frequency: 2.9, acceleration: [0.02, 0.1]}",
+        "model: reduced\ndissipation: {sigma: 0.001, pivot: 0.001, creep: [0.3, 0.5]}",
+    ],
+)
+def test_a_killed_sweep_and_shards_of_any_law_have_equal_rows(law, tmp_path):
     config = tiny(tmp_path)
     text = config.read_text().replace("model: gh\n", "")
-    config.write_text(f"{text}dissipation: {{{losses}}}\n")
+    config.write_text(f"{text}{law}\n")
     expected = tmp_path / "expected"
     assert command("run", config, "--output", expected, "-q").code == 0
     output = tmp_path / "out"
@@ -102,6 +112,11 @@ def test_a_killed_sweep_with_friction_resumes_with_equal_rows(losses, tmp_path):
     assert check_whole(output, expected) == 12
     assert command(*args) == Ended(0, "", "")
     check_equal(output, expected)
+    parts = tmp_path / "parts"
+    for index in range(3):
+        share = ("run", config, "--output", parts, "-q", "--shard", f"{index}/3")
+        assert command(*share).code == 0
+    check_equal(parts, expected)
 
 
 def test_one_writer_a_shard(tiny_sweep, tmp_path):

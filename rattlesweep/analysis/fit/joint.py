@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.physics.si import Units
 
-OF_LAUNCH = ("n_i", "omega_xy0", "psi_deg")
+OF_LAUNCH = ("n_i", "omega_xy0", "psi_deg", "base_phase")
 _MOST_STEPS = 60
 # Shared values of two films differ by so many standard errors with a probability of
 # less than a percent, also if there are several.

@@ -17,9 +17,8 @@ from rattlesweep.design.single import Launch
 from rattlesweep.physics.body import PARAMETERS as BODY
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
-from rattlesweep.words.quantities import LOSSES, RATE, TIME
+from rattlesweep.words.quantities import ACTING, RATE, TIME
 
-_LEAST = 1e-3  # of parameters that must be above zero
 _STEP = 3e-6  # of the central differences, relative to the scale of a parameter
 
 
@@ -49,13 +48,13 @@ FITTABLE = {
     "psi_deg": Parameter("deg", -360, 360, "direction of the initial oscillation"),
     **{
         name: Parameter(
-            loss.unit,
-            # A limit that is excluded is not reached.
-            loss.low + _LEAST * loss.is_open,
-            loss.most_fitted,
-            loss.meaning,
+            constant.unit,
+            max(constant.low, constant.least_fitted),
+            constant.most_fitted,
+            constant.meaning,
         )
-        for name, loss in LOSSES.items()
+        for name, constant in ACTING.items()
+        if constant.most_fitted
     },
     "skew": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle"),
     "xi": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle"),
@@ -101,7 +100,7 @@ def carried_over(launch: Launch, body: Rattleback) -> Launch:
     if launch.t_end is not None:
         changes["t_end"] = ratio(TIME, old, new) * launch.t_end
     losses = {
-        name: ratio(LOSSES[name].unit, old, new) * value
+        name: ratio(ACTING[name].unit, old, new) * value
         for name, value in launch.losses.items()
     }
     return replace(launch, body=body, losses=losses, **changes)
@@ -190,7 +189,7 @@ class FitProblem:
         if "psi_deg" in changes:
             changes["psi"] = changes.pop("psi_deg")
         of_body = {name: changes.pop(name) for name in OF_BODY if name in changes}
-        losses = {name: changes.pop(name) for name in LOSSES if name in changes}
+        losses = {name: changes.pop(name) for name in ACTING if name in changes}
         losses = {**self.launch.losses, **losses}
         launch = replace(self.launch, losses=losses, **changes)
         return carried_over(launch, self.body(of_body))

@@ -33,7 +33,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.design.single import Launch
 from rattlesweep.system.console import counted
 from rattlesweep.words.errors import ConfigError, not_one_of
-from rattlesweep.words.quantities import LOSSES
+from rattlesweep.words.quantities import ACTING, DRIVES, LOSSES
 
 # Times of reversals are fitted to a run that is longer than the last of them.
 _LONGER = 1.5
@@ -69,6 +69,8 @@ def check_free(
                     "{shape: half_ellipsoid, length: 12 cm, ...}"
                 )
             stone.size(name)
+        if name in DRIVES and not launch.losses.get("base_acceleration"):
+            raise ConfigError(f"free: {name} is of a plane that shakes; give base")
     if {"skew", "xi"} <= {*names}:
         raise ConfigError("free: skew is -xi; keep one of them")
     if "c" in names and launch.body.c is None:
@@ -338,8 +340,9 @@ def _result(
         value = getattr(final, name)
         if value is not None:
             launch[name] = of_body(name, value)
-    for name, loss in LOSSES.items():
-        value = final.losses.get(name, loss.default)
+    given = {name: loss.default for name, loss in LOSSES.items()} | {**final.losses}
+    for name in ACTING:
+        value = given.get(name)
         if value is not None:
             launch[name] = of_body(name, value)
     unit = film.value_column.unit

@@ -9,7 +9,7 @@ from rattlesweep.analysis.fit.measured import Prior
 from rattlesweep.analysis.fit.problem import OF_BODY, SIZES, FitProblem
 from rattlesweep.arrays import Floats
 from rattlesweep.physics.theory import modes
-from rattlesweep.words.quantities import DAMPING, LOSSES
+from rattlesweep.words.quantities import ACTING, DAMPING
 
 # A spin that is given is no better than that of the first rows if they differ by more.
 SPINS_APART = 0.03
@@ -28,6 +28,7 @@ UNKNOWN_SPINS = (0.03, 0.6)
 UNKNOWN_SPIN = 0.1
 UNKNOWN_SKEW = math.radians(1)
 DIRECTIONS_OFF = 90.0  # degrees
+PHASES_OFF = math.pi / 2
 
 
 class Span(NamedTuple):
@@ -90,9 +91,9 @@ def first_values(problem: FitProblem) -> dict[str, list[float]]:
         "psi_deg": [psi_deg],
         "skew": [skew],
     }
-    for name, loss in LOSSES.items():
-        size = decay if loss.unit == DAMPING else 1.0
-        guesses[name] = [size * value for value in loss.first_values]
+    for name, constant in ACTING.items():
+        size = decay if constant.unit == DAMPING else 1.0
+        guesses[name] = [size * value for value in constant.first_values]
     values: dict[str, list[float]] = {}
     for name in problem.scales:
         value = given(problem, name)
@@ -152,7 +153,9 @@ def spans(problem: FitProblem, values: dict[str, list[float]]) -> dict[str, Span
             low, high = FACTORS[name]
             by_ratio = name == "omega_xy0"
             ranges[name] = Span(low * least, high * most, by_ratio)
-        elif name in LOSSES:
+        elif name == "base_phase":
+            ranges[name] = Span(least - PHASES_OFF, most + PHASES_OFF)
+        elif name in ACTING:
             low, high = LOSS_FACTORS
             ranges[name] = Span(low * least, high * most, by_ratio=True)
         elif name == "psi_deg":

@@ -73,8 +73,8 @@ class Trials:
         self, law: _Law, launches: Sequence[Launch]
     ) -> tuple[Config, Launches]:
         """Return the config of runs of one law, and their launches."""
-        bodies = TableBodies(_columns(launches))
-        _, _, has_rim = law
+        acting, _, has_rim = law
+        bodies = TableBodies(_columns(launches, acting))
         if has_rim:
             bodies.carried["rim"] = np.array([run.body.rim for run in launches], float)
         if law not in self._plans:
@@ -104,8 +104,11 @@ def _by_law(launches: Sequence[Launch]) -> dict[_Law, list[int]]:
     """Return the places of the runs of each law."""
     places: dict[_Law, list[int]] = {}
     for place, run in enumerate(launches):
-        acting = frozenset(name for name, value in run.losses.items() if value)
-        law = acting, run.body.c is not None, run.body.rim is not None
+        acting = {name for name, value in run.losses.items() if value}
+        if "pivot" not in acting:
+            # A patch that does not turn does not give way.
+            acting.discard("creep")
+        law = frozenset(acting), run.body.c is not None, run.body.rim is not None
         places.setdefault(law, []).append(place)
     return places
 
@@ -189,14 +192,19 @@ def _filled(
     return filled
 
 
-def _columns(launches: Sequence[Launch]) -> dict[str, Floats]:
-    """Return launches as the columns of a table in units of the bodies."""
+def _columns(launches: Sequence[Launch], acting: frozenset[str]) -> dict[str, Floats]:
+    """Return launches as the columns of a table in units of the bodies.
+
+    What is not among the names of `acting` is zero.
+    """
     first = launches[0]
     columns: dict[str, Floats] = {}
     for name in (*PARAMETERS, "c"):  # without c, which is None, a NaN
         columns[name] = np.array([getattr(run.body, name) for run in launches], float)
     for name in first.losses:
-        columns[name] = np.array([run.losses[name] for run in launches], float)
+        columns[name] = np.zeros(len(launches))
+        if name in acting:
+            columns[name] = np.array([run.losses[name] for run in launches], float)
     columns["t_end"] = np.array([run.t_end for run in launches], float)
     if first.omega is not None:
         states = np.array([[*(run.omega or ()), *(run.u or UP)] for run in launches])

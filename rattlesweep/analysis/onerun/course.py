@@ -179,7 +179,8 @@ class PreparedRun:
         """Return a value with its unit, in SI if the size of the body is known."""
         if unit == "1":
             return f"{value:.6g}"
-        if self.units is None:
+        # An angle has one unit for all bodies.
+        if self.units is None or unit not in self.units.sizes:
             return f"{value:.6g} {unit.replace('sqrt', '√')}"
         size, si_unit = self.units.sizes[unit]
         return f"{size * value:.6g} {si_unit}"
@@ -502,7 +503,8 @@ class Course:
             return ""
         if self._lifts_from is not None:
             return LIFTS.format(self._lifts_from)
-        if self._slips_from is not None:
+        # A foot that slips under viscous friction does so at any force.
+        if self._slips_from is not None and not self.run.config.dissipation.slips:
             return SLIPS.format(self.friction, COMMON_FRICTION, self._slips_from)
         return ""
 
