@@ -103,6 +103,7 @@ EXAMPLES = {
     "base": [
         "base: {frequency: {linspace: [0.5, 5, 451]}, acceleration: [0.02, 0.05]}",
         "base: {frequency: 2.88, amplitude: [0.005, 0.01], phase_deg: 90}",
+        "base: {frequency: 1.44, acceleration: 0.02, direction: horizontal, azimuth_deg: [0, 45]}",
     ],
     "integrator": [
         "integrator: {method: verner98, tol: 1.0e-11}",

@@ -11,7 +11,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.physics import full, steady, stone, theory
 from rattlesweep.physics import losses as laws
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.physics.driven import driven_spin, growth_of_drive
+from rattlesweep.physics.driven import driven_spin, growth_of_drive, spin_of_push
 from rattlesweep.physics.readings import Shape, turning_friction
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import direction, garcia_hubbard
@@ -267,7 +267,10 @@ def derived(
         damping = -growing.rates(0.0)
         if not np.isfinite(small).all():
             damping = damping * math.nan
-        values |= _of_base(m, damping, drive)
+        if "base_azimuth" in drive:
+            values |= _of_base_along(b, m, damping, drive)
+        else:
+            values |= _of_base(m, damping, drive)
     return [
         quantity_of(body, name, value, *DERIVED[name]) for name, value in values.items()
     ]
@@ -293,6 +296,27 @@ def _of_base(
         values[f"growth_base_{mode}"] = growth[k] - damping[k]
     reached = spins[np.isfinite(spins)]
     values["n_base"] = reached[0] if reached.size else math.nan
+    return values
+
+
+def _of_base_along(
+    b: Rattleback, m: theory.Modes, damping: Floats, drive: dict[str, float]
+) -> dict[str, float]:
+    """Return what :func:`_of_base` does, of a plane that shakes along itself."""
+    frequency = drive["base_frequency"]
+    acceleration = drive["base_acceleration"]
+    omega = np.array([m.omega_p, m.omega_r], float)
+    psi = np.array([m.psi_p, m.psi_r], float)
+    inertia = b.alpha * np.cos(psi) ** 2 + b.beta * np.sin(psi) ** 2
+    coefficients = np.array([m.K_p, -np.asarray(m.K_r)], float)
+    of_mode = inertia, damping, coefficients
+    spins = spin_of_push(omega, frequency, acceleration, *of_mode)
+    tuned_spins = spin_of_push(omega, omega, acceleration, *of_mode)
+    values = {"base_frequency": frequency, "base_acceleration": acceleration}
+    for k, mode in enumerate(MODES):
+        values[f"base_frequency_{mode}"] = omega[k]
+        values[f"n_base_{mode}"] = tuned_spins[k]
+    values["n_base"] = spins[np.abs(spins).argmax()]
     return values
 
 

@@ -13,7 +13,12 @@ from rattlesweep.arrays import EXACT_WHOLE, Floats, refuse_foreign_units, unmask
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.si import GRAVITY, Units, check_spins
 from rattlesweep.words.errors import ConfigError, check_names, one_line
-from rattlesweep.words.quantities import ACTING, QUANTITIES
+from rattlesweep.words.quantities import (
+    ACTING,
+    BASE_DIRECTIONS,
+    HORIZONTAL,
+    QUANTITIES,
+)
 from rattlesweep.words.units import (
     in_si,
     is_measured,
@@ -211,10 +216,16 @@ def columns_of_base(base: object, units: Units | None = None) -> dict[str, Float
         base = dict(zip(("frequency", "acceleration"), base, strict=True))
     given = {name: value for name, value in base.items() if value is not None}
     check_names("keys of base", given, _KEYS_OF_BASE)
-    if given.pop("direction", "vertical") != "vertical" or "azimuth_deg" in given:
+    direction = given.pop("direction", "vertical")
+    if direction not in BASE_DIRECTIONS:
         raise ConfigError(
-            "base: there are no equations for a plane that shakes along itself; take "
-            "direction vertical, and leave azimuth_deg out"
+            f"base: direction is {kind_of(direction)}; give vertical or horizontal"
+        )
+    is_horizontal = direction == HORIZONTAL
+    if "azimuth_deg" in given and not is_horizontal:
+        raise ConfigError(
+            "base: a plane that shakes up and down has no azimuth; leave azimuth_deg "
+            "out, or give direction horizontal"
         )
     if "frequency" not in given or ("acceleration" in given) == ("amplitude" in given):
         raise ConfigError(
@@ -227,11 +238,15 @@ def columns_of_base(base: object, units: Units | None = None) -> dict[str, Float
     else:
         acceleration = numbers("base_acceleration", given["acceleration"], units)
     phase = np.radians(numbers("psi", given.get("phase_deg", 0.0)))
-    return {
+    columns = {
         "base_frequency": frequency,
         "base_acceleration": acceleration,
         "base_phase": phase,
     }
+    if is_horizontal:
+        azimuth = numbers("psi", given.get("azimuth_deg", 0.0))
+        columns["base_azimuth"] = np.radians(azimuth)
+    return columns
 
 
 def _is_in_si(entry: object, kind: str) -> bool:

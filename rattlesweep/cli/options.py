@@ -290,12 +290,19 @@ def _direction(text: str) -> float | str:
 
 def _base(text: str) -> dict[str, float | str]:
     """Read a drive: a frequency, and an acceleration or an amplitude."""
-    example = "as in 2.88,0.02 or 25Hz,0.1mm"
+    example = "as in 2.88,0.02 or 25Hz,0.1mm, or 1.44,0.02,90deg along the plane"
     parts = [part.strip() for part in text.split(",")]
-    if len(parts) != 2:
+    if len(parts) not in (2, 3):
         raise ValueError(f"is no frequency with an acceleration; write it {example}")
-    frequency, strength = parts
+    frequency, strength, *azimuths = parts
     base = {"frequency": _measured("frequency", frequency)}
+    for azimuth in azimuths:
+        degrees = azimuth.removesuffix("deg").strip()
+        try:
+            base["azimuth_deg"] = float(degrees)
+        except ValueError:
+            raise ValueError(f"has no azimuth in degrees; write it {example}") from None
+        base["direction"] = "horizontal"
     with suppress(ValueError):
         return base | {"acceleration": float(strength)}
     return base | {"amplitude": _measured("length", strength)}
@@ -616,7 +623,9 @@ base = group(
         "--base",
         Kind("frequency,acceleration", _base),
         "A plane that shakes: angular frequency in sqrt(g/a) or with a unit, and "
-        "acceleration in g, or amplitude with a unit, as in 25Hz,0.1mm.",
+        "acceleration in g, or amplitude with a unit, as in 25Hz,0.1mm; along the "
+        "plane with a third part, the azimuth from the body's x axis, as in "
+        "25Hz,0.1mm,90deg.",
     ),
 )
 launch_options = stack(

@@ -35,6 +35,7 @@ SETTING_KEYS = {
     "base_acceleration": "base.acceleration",
     "base_amplitude": "base.amplitude",
     "base_phase": "base.phase_deg",
+    "base_azimuth": "base.azimuth_deg",
 }
 """Keys that may have SI units, by the columns that they set."""
 
@@ -200,16 +201,11 @@ def _plane(config: Config) -> Iterator[Clash]:
         return
     if (plane.acceleration is None) == (plane.amplitude is None):
         yield "base.acceleration", "give acceleration or amplitude, and not both"
-    if plane.direction == "horizontal":
-        yield (
-            "base.direction",
-            "there are no equations for a plane that shakes along itself; take "
-            "vertical",
-        )
-    elif plane.azimuth_deg is not None:
+    if plane.azimuth_deg is not None and not plane.is_horizontal:
         yield (
             "base.azimuth_deg",
-            "a plane that shakes up and down has no azimuth; leave it out",
+            "a plane that shakes up and down has no azimuth; leave it out, or add "
+            "direction: horizontal",
         )
     if config.model != "full":
         yield (

@@ -47,9 +47,11 @@ from rattlesweep.words.names import (
     ModelName,
 )
 from rattlesweep.words.quantities import (
+    BASE_DIRECTIONS,
     CONSTANT_OF_SURFACE,
     COUPLE_CONSTANTS,
     DRIVES,
+    HORIZONTAL,
     LOSSES,
     QUANTITIES,
     ActionConstant,
@@ -236,7 +238,8 @@ def _drive(name: str) -> object:
     return Annotated[float | str, item]
 
 
-BASE_DIRECTIONS = ("vertical", "horizontal")
+def _in_radians(degrees: list[float | str]) -> list[float | str]:
+    return [x if isinstance(x, str) else math.radians(x) for x in degrees]
 
 
 class Shaking(Base):
@@ -259,12 +262,22 @@ class Shaking(Base):
             float | str,
             number_or(Annotated[float, Field(ge=-360, le=360)], FROM_TABLE),
         ]
-    ] = key([0.0], "Phase at launch, in degrees; 0: the weight is at its largest.")
+    ] = key([0.0], "Phase at launch, in degrees; 0: the acceleration is largest.")
     direction: Annotated[str, OneOf(BASE_DIRECTIONS)] = key(
         "vertical", "Direction in which it shakes."
     )
-    azimuth_deg: Annotated[float, Field(ge=-360, le=360)] | None = key(
-        None, "Of a horizontal one: the angle from the body's x axis at launch."
+    azimuth_deg: (
+        Several[
+            Annotated[
+                float | str,
+                number_or(Annotated[float, Field(ge=-360, le=360)], FROM_TABLE),
+            ]
+        ]
+        | None
+    ) = key(
+        None,
+        "Of a horizontal one, 0 if it is left out: the angle from the body's x axis "
+        "at launch, counterclockwise from above.",
     )
 
     @property
@@ -273,7 +286,12 @@ class Shaking(Base):
         absent: tuple[object, ...] = (None, [0])
         if self.acceleration in absent and self.amplitude in absent:
             return []
-        return list(DRIVES)
+        return [name for name in DRIVES if self.is_horizontal or name != "base_azimuth"]
+
+    @property
+    def is_horizontal(self) -> bool:
+        """Whether the plane shakes along itself."""
+        return self.direction == HORIZONTAL
 
     @property
     def values(self) -> dict[str, list[float | str]]:
@@ -285,19 +303,23 @@ class Shaking(Base):
             values["base_acceleration"] = self.acceleration
         elif self.amplitude is not None:
             values["base_amplitude"] = self.amplitude
-        values["base_phase"] = [
-            x if isinstance(x, str) else math.radians(x) for x in self.phase_deg
-        ]
+        values["base_phase"] = _in_radians(self.phase_deg)
+        if self.is_horizontal:
+            values["base_azimuth"] = _in_radians(self.azimuth_deg or [0.0])
         return values
 
     def with_columns(self, columns: Mapping[str, list[float | str]]) -> "Shaking":
         """Return the plane with the columns of a table, which have the names of runs.
 
-        The phase of a column is in radians.
+        Angles in columns are in radians.  Only planes that shake along themselves have
+        an azimuth.
         """
         keys = {name.removeprefix("base_"): values for name, values in columns.items()}
         if "phase" in keys:
             keys["phase_deg"] = keys.pop("phase")
+        if "azimuth" in keys:
+            keys["azimuth_deg"] = keys.pop("azimuth")
+            keys["direction"] = HORIZONTAL  # type: ignore[assignment]
         if "acceleration" in keys:
             keys["amplitude"] = None  # type: ignore[assignment]
         return self.model_copy(update=keys)
@@ -587,6 +609,8 @@ class Config(Base):
         parts += [name for name in self.dissipation.present if LOSSES[name].optional]
         if self.acting.is_shaken:
             parts.append("base")
+        if "base_azimuth" in self.acting.present:
+            parts.append("base_azimuth")
         return parts
 
     @property

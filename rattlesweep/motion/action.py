@@ -70,8 +70,9 @@ class Action:
     # Further components of the state, from the launch on
     components: tuple[str, ...] = ()
     rates: Formula | None = None  # rates(place, own): a number for each
-    # start(constants by name): values at launch, an array for each; else zeros
-    start: Callable[[Mapping[str, Floats]], tuple[Floats, ...]] | None = None
+    # start(place, constants by name): values at launch, an array for each; else zeros.
+    # `place` has the slopes and angular velocities, shape (rows, 5).
+    start: Callable[[Floats, Mapping[str, Floats]], tuple[Floats, ...]] | None = None
     # error(e, components): squares of their errors e, as twice an energy in M g a
     error: Formula | None = None
     # energy(place, own): of its components, beyond that of a body that rolls
@@ -144,8 +145,22 @@ SHAKEN = Action(
     start=shaking.first_turns,
     own_work="base work",
 )
+# It takes the place of `SHAKEN`, whose constants it shares.  A horizontal force changes
+# the normal force by at most half its size, as the mobility of the centre of mass has
+# eigenvalues from 0 to 1.
+SWAYED = Action(
+    "swayed",
+    ("base_acceleration", "base_frequency", "base_phase", "base_azimuth"),
+    force=shaking.push,
+    lifts=True,
+    components=("turns of the base", "base_x", "base_y", "base_z"),
+    rates=shaking.swayed_rates,
+    start=shaking.first_direction,
+    own_work="base work",
+)
 ACTIONS: dict[str, Action] = {
-    action.name: action for action in (VISCOUS, ROLLING, CREEP, SLIP, SHAKEN, PIVOTING)
+    action.name: action
+    for action in (VISCOUS, ROLLING, CREEP, SLIP, SHAKEN, SWAYED, PIVOTING)
 }
 """The actions by name, in the order of their constants."""
 

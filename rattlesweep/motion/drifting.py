@@ -7,7 +7,9 @@ They correct those of any set of actions that pivots, on any surface and in any 
 # mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
+from rattlesweep.motion.action import Whereabouts
 from rattlesweep.motion.chart import Chart
+from rattlesweep.motion.sums import ActionSum
 from rattlesweep.physics import creep, stone
 from rattlesweep.physics.full import scalar
 from rattlesweep.physics.sliding import cross
@@ -18,15 +20,22 @@ N_BODY = len(stone.CONSTANTS)  # constants before those of actions
 
 
 def force_without_drift(
-    chart: Chart, parts: Formula, contact: Formula, place_of_mu: int
+    chart: Chart,
+    parts: Formula,
+    contact: Formula,
+    place_of_mu: int,
+    others: ActionSum,
 ) -> Formula:
     """Return the contact force as `model.Model.force`, from the parts without creep.
 
     It is the force under which the foot drifts, and beyond which it slides: that of
-    the body that rolls with the same angular momentum about the contact point.
+    the body that rolls with the same angular momentum about the contact point, under
+    the sum of the other actions.
     """
     locate = chart.locate
     after = place_of_mu + 1
+    force_of = others.force
+    weight_of = others.weight
 
     @scalar
     def force(y, dy, constants):
@@ -35,24 +44,31 @@ def force_without_drift(
         without = loss[:place_of_mu] + loss[after:]
         _, turned, _, _, _, _ = parts(contact, y, constants[:3], shape, without)
         _, u, omega, r, w, _ = locate(contact, y, shape)
-        return stone.force_at(u, omega, turned, r, w)
+        place = Whereabouts(u, omega, r, w, cross(r, omega), 0.0, (0.0, 0.0))
+        weight = 1.0 + weight_of(place, y, constants)
+        applied = force_of(place, y, constants)
+        return stone.force_at(u, omega, turned, r, w, weight, applied)
 
     return force  # type: ignore[no-any-return]
 
 
-def drifting_parts(chart: Chart, parts: Formula, place_of_mu: int) -> Formula:
+def drifting_parts(
+    chart: Chart, parts: Formula, place_of_mu: int, others: ActionSum
+) -> Formula:
     """Return the parts of a motion with creep from those without.
 
     They are a formula ``(contact, y, inertia, shape, loss)``, where ``loss`` has the
     coefficient of friction of the patch at `place_of_mu`, and the lever and the sense
-    at its end.  Values: rates of the position, ``domega/dt``, the torque against
-    pivoting, the normal force that holds a spin, the power of all other actions, that
-    of the torque, that of creep, the part of this that is in doubt, the normal force
-    itself, and what the drift adds to ``omega``.
+    at its end.  `others` is the sum of the other actions.  Values: rates of the
+    position, ``domega/dt``, the torque against pivoting, the normal force that holds a
+    spin, the power of all other actions, that of the torque, that of creep, the part of
+    this that is in doubt, the normal force itself, and what the drift adds to
+    ``omega``.
     """
     locate = chart.locate
     turned_by = chart.turned
     after = place_of_mu + 1
+    force_of = others.force
 
     @scalar
     def drifting(contact, y, inertia, shape, loss):
@@ -63,14 +79,17 @@ def drifting_parts(chart: Chart, parts: Formula, place_of_mu: int) -> Formula:
             contact, y, inertia, shape, without
         )
         _, u, omega, r, w, _ = locate(contact, y, shape)
-        v, x, is_sure = creep.drift(u, omega, turned, r, w, normal, lever, mu)
+        rolled_at = cross(r, omega)
+        place = Whereabouts(u, omega, r, w, rolled_at, 0.0, (0.0, 0.0))
+        applied = force_of(place, y, inertia + shape[:4] + loss)
+        v, x, is_sure = creep.drift(u, omega, turned, r, w, normal, lever, mu, applied)
         share = creep.share_of_torque(x)
         # The plane holds a spin with any torque up to that of the patch.
         less = torque * (share - 1.0) if sense != 0.0 else 0.0
         more, solver, det = creep.turned_by(r, v, inertia)
         there = turned_by(y, more, 1.0)
         rates, _, _, _, w_now, _ = locate(contact, there, shape)
-        vx, vy, vz = cross(r, omega)
+        vx, vy, vz = rolled_at
         rolled = (vx - w[0], vy - w[1], vz - w[2]), w
         (ax, ay, az), lost = creep.changed_rates(
             u, omega, r, w_now, rolled, v, more, less, inertia, solver, det

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from rattlesweep.motion.action import PIVOTING, ROLLING, SHAKEN, VISCOUS, Action
+from rattlesweep.motion.action import PIVOTING, ROLLING, SHAKEN, SWAYED, VISCOUS, Action
 from rattlesweep.motion.chart import ANYWHERE, SLOPES, Chart
 from rattlesweep.physics import pivoting, shaking, stone, vectors
 from rattlesweep.physics.surface import Formula
@@ -41,6 +41,11 @@ FAST_EQUATIONS: dict[tuple[Chart, frozenset[Action]], Fast] = {
     (SLOPES, frozenset([VISCOUS, SHAKEN])): Fast(
         # The weight of the body does not change the rate of phase volume.
         shaking.shaken_rhs,
+        volume=vectors.viscous_volume,
+    ),
+    (SLOPES, frozenset([VISCOUS, SWAYED])): Fast(
+        # Nor does a force, or the turning of its direction.
+        shaking.swayed_rhs,
         volume=vectors.viscous_volume,
     ),
     (SLOPES, frozenset([VISCOUS, ROLLING])): Fast(

@@ -190,7 +190,7 @@ class Model:
         y0[:, : place.shape[1]] = place
         for action in self.actions:
             if action.start is not None:
-                starts = action.start(values)
+                starts = action.start(place, values)
                 for name, start in zip(action.components, starts, strict=True):
                     y0[:, self.column(name)] = start
         return y0
@@ -443,7 +443,8 @@ def _drifting(
     """Return what :func:`_equations` does, of a body whose foot drifts."""
     others = [action for action in actions if action is not drift]
     parts, place_of_mu = _without_drift(chart, actions, drift, layout)
-    drifting = drifting_parts(chart, parts, place_of_mu)
+    acting = ActionSum.of(others, layout)
+    drifting = drifting_parts(chart, parts, place_of_mu, acting)
 
     @scalar
     def rhs(contact, y, inertia, shape, loss):
@@ -460,7 +461,7 @@ def _drifting(
         )
         return place, turned, torque, held, power, taken, normal
 
-    further = own_rates(ActionSum.of(others, layout), layout)
+    further = own_rates(acting, layout)
     if further is None:
         return rhs, parts_on
     (_,) = [each for each in others if each.own_work and not each.pivots]
@@ -631,7 +632,8 @@ def _force(
     drift = _drift_of(actions)
     if drift is not None:
         parts, place_of_mu = _without_drift(chart, actions, drift, layout)
-        return force_without_drift(chart, parts, contact, place_of_mu)
+        others = ActionSum.of([each for each in actions if each is not drift], layout)
+        return force_without_drift(chart, parts, contact, place_of_mu, others)
     if any(each.force or each.weight or each.tangent for each in actions):
         return contact_force(chart, contact, ActionSum.of(actions, layout))
     if chart is ANYWHERE:

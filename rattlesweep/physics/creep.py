@@ -25,7 +25,7 @@ Where the spin is zero, the drift is, too.
 # mypy: disable-error-code="no-untyped-def"
 from math import pi, sqrt
 
-from rattlesweep.physics.full import TINY, scalar
+from rattlesweep.physics.full import NO_FORCE, TINY, scalar
 from rattlesweep.physics.sliding import cross
 from rattlesweep.physics.stone import adjugate, dot, horizontal, multiplied
 
@@ -54,21 +54,26 @@ def drift_of_patch(share):
 
 
 @scalar
-def rolling_force(u, omega, rates, r, w):
-    """Return the force in the plane on a body that rolls with ``omega``."""
+def rolling_force(u, omega, rates, r, w, applied=NO_FORCE):
+    """Return the force in the plane on a body that rolls with ``omega``.
+
+    The force ``applied`` acts at its centre of mass.
+    """
     ax, ay, az = cross(r, rates)
     bx, by, bz = cross(omega, w)
-    return horizontal(u, (u[0] + ax + bx, u[1] + ay + by, u[2] + az + bz))
+    px, py, pz = applied
+    force = u[0] + ax + bx - px, u[1] + ay + by - py, u[2] + az + bz - pz
+    return horizontal(u, force)
 
 
 @scalar
-def drift(u, omega, rates, r, w, normal, lever, mu):
+def drift(u, omega, rates, r, w, normal, lever, mu, applied=NO_FORCE):
     """Return the velocity ``v`` of the contact point, ``x``, and whether it is sure.
 
     The body would roll with ``omega`` and its ``rates``, with the normal force
-    ``normal``.
+    ``normal`` and the force ``applied`` at its centre of mass.
     """
-    fx, fy, fz = rolling_force(u, omega, rates, r, w)
+    fx, fy, fz = rolling_force(u, omega, rates, r, w, applied)
     size = sqrt(fx * fx + fy * fy + fz * fz)
     n = dot(u, omega)
     # Where the plane would have to pull there is no friction that slows the drift.

@@ -435,7 +435,7 @@ GROUPS = (
         "base",
         "`base`",
         (
-            *(of_loss(name) for name in DRIVES),
+            *(of_loss(name) for name in DRIVES if name != "base_azimuth"),
             Column(
                 "base_work",
                 F64,
@@ -444,6 +444,13 @@ GROUPS = (
                 refines=True,
             ),
         ),
+        optional=True,
+        not_with=("reduced", "gh"),
+    ),
+    Group(
+        "base_azimuth",
+        "`base: {direction: horizontal, ...}`",
+        (of_loss("base_azimuth"),),
         optional=True,
         not_with=("reduced", "gh"),
     ),

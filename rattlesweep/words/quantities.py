@@ -453,7 +453,7 @@ _DRIVES = (
     ActionConstant(
         name="base_phase",
         unit="rad",
-        meaning="phase at launch: the weight is 1 + base_acceleration cos(phase)",
+        meaning="phase at launch of the plane's acceleration, which is largest at 0",
         kind="angle",
         low=-2 * math.pi,
         high=2 * math.pi,
@@ -464,6 +464,20 @@ _DRIVES = (
         # One in each quarter turn.
         first_values=(-2.4, -0.8, 0.8, 2.4),
         most_fitted=2 * math.pi,
+    ),
+    ActionConstant(
+        name="base_azimuth",
+        unit="rad",
+        meaning="direction in which the plane shakes along itself, counterclockwise "
+        "from above, from the horizontal part of the body's x axis at launch",
+        kind="angle",
+        low=-2 * math.pi,
+        high=2 * math.pi,
+        letter="azimuth",
+        default=None,
+        action="swayed",
+        takes_spin=False,
+        is_linear=True,
     ),
 )
 
@@ -561,6 +575,10 @@ LOSSES: dict[str, ActionConstant] = {loss.name: loss for loss in _DISSIPATION}
 DRIVES: dict[str, ActionConstant] = {drive.name: drive for drive in _DRIVES}
 """The constants of a plane that shakes by name."""
 
+HORIZONTAL = "horizontal"
+BASE_DIRECTIONS = ("vertical", HORIZONTAL)
+"""The directions in which a plane shakes; only a horizontal one has an azimuth."""
+
 ACTING: dict[str, ActionConstant] = LOSSES | DRIVES
 """The constants of all that acts on a body beside gravity and the plane, by name."""
 
@@ -583,4 +601,7 @@ def law_of(names: Collection[str]) -> str:
     words = dict.fromkeys(filter(None, actions))
     if len(words) > 1:
         words.pop("viscous", None)
+    if "swayed" in words:
+        # A plane that shakes along itself has the constants of one that shakes upwards.
+        words.pop("shaken", None)
     return "_".join(words)

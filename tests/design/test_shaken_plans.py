@@ -10,10 +10,16 @@ import sweeping
 import rattlesweep as rs
 from rattlesweep.analysis.derived import derived
 from rattlesweep.api.arguments import columns_of_base
-from rattlesweep.physics.driven import driven_spin, growth_of_drive
+from rattlesweep.physics.driven import (
+    driven_spin,
+    growth_of_drive,
+    growth_of_push,
+    spin_of_push,
+)
 from rattlesweep.words.errors import ConfigError
 
 GH = {"source": "preset", "name": "GH"}
+ALONG = {"frequency": 1.4, "acceleration": 0.1, "direction": "horizontal"}
 TAP = {"n_i": 0, "omega_xy0": 1e-4}
 STONE = {
     "source": "shape",
@@ -61,6 +67,24 @@ def test_lists_are_cases_with_a_column_for_each_constant():
     assert text.cases == found.cases
 
 
+def test_azimuths_of_a_plane_that_shakes_along_itself_are_cases():
+    found = plan(ALONG | {"azimuth_deg": [0, 30, -90]})
+    assert len(found.cases) == 3
+    assert "base_azimuth" in found.schema.names
+    launches, batch = sweeping.prepared(found)
+    azimuth = np.radians([0.0, 30.0, -90.0])
+    assert launches.losses["base_azimuth"] == pytest.approx(azimuth)
+    assert launches.full_model == "full_swayed"
+    # Along the body's axes, of which x and y are seen from below.
+    directions = np.stack([np.cos(azimuth), -np.sin(azimuth), 0 * azimuth], axis=1)
+    assert batch.y0[:, -3:] == pytest.approx(directions)
+    text = sweeping.plan_of(found.config.model_dump(mode="json"))
+    assert text.cases == found.cases
+    without = losses(ALONG)
+    assert without["base_azimuth"].tolist() == [0.0]
+    assert "base_azimuth" not in plan(ALONG | {"direction": "vertical"}).schema.names
+
+
 def test_an_amplitude_stands_for_an_acceleration():
     runs = losses({"frequency": [2.0, 3.0], "amplitude": 0.01})
     assert runs["base_acceleration"] == pytest.approx([0.04, 0.09])
@@ -90,11 +114,13 @@ def test_hertz_are_cycles_and_millimetres_need_a_size():
             "give acceleration or amplitude, and not both",
         ),
         ({"acceleration": 0.1}, "frequency"),
-        (
-            {"frequency": 2.0, "acceleration": 0.1, "direction": "horizontal"},
-            "take vertical",
-        ),
         ({"frequency": 2.0, "acceleration": 0.1, "azimuth_deg": 3}, "leave it out"),
+        ({"frequency": 2.0, "acceleration": 0.1, "direction": "up"}, "vertical"),
+        (
+            ALONG | {"azimuth_deg": "table"},
+            "needs source: table",
+        ),
+        (ALONG | {"azimuth_deg": [0, 400]}, "base.azimuth_deg"),
         ({"frequency": -2.0, "acceleration": 0.1}, "base.frequency"),
         ({"frequency": 2.0, "acceleration": "table"}, "needs source: table"),
     ],
@@ -108,6 +134,7 @@ def test_what_needs_a_plane_at_rest_is_refused():
     assert "the plane of the model reduced" in refusal(base, model="reduced")
     assert "lyapunov needs" in refusal(base, record=["lyapunov"])
     assert "early needs" in refusal(base, classify={"early": True})
+    assert "the plane of the model reduced" in refusal(ALONG, model="reduced")
     with pytest.raises(ConfigError) as caught:
         rs.simulate("GH", **TAP, t_end=1, base=(2.0, 0.1), record="error")
     message = str(caught.value)
@@ -137,6 +164,10 @@ def test_a_table_has_the_drive_row_by_row(tmp_path):
     for name, values in drive.items():
         assert launches.losses[name].tolist() == values
     assert batch.y0[:, -1] == pytest.approx(np.array([0.5, 0.25]) / (2 * math.pi))
+    pd.DataFrame(body | drive | {"base_azimuth": [0.0, 1.5]}).to_csv(path, index=False)
+    launches, _ = sweeping.prepared(plan(None, bodies=source))
+    assert launches.full_model == "full_swayed"
+    assert launches.losses["base_azimuth"].tolist() == [0.0, 1.5]
     pd.DataFrame(body | {"base_acceleration": [0.1, 0.2]}).to_csv(path, index=False)
     with pytest.raises(ConfigError, match="needs the column base_frequency"):
         plan(None, bodies=source)
@@ -152,7 +183,14 @@ def test_calls_take_a_pair_or_the_keys_of_a_config():
     mapped = columns_of_base({"frequency": 2.0, "amplitude": 0.1, "phase_deg": 180})
     assert float(mapped["base_acceleration"]) == pytest.approx(0.4)
     assert float(mapped["base_phase"]) == pytest.approx(math.pi)
-    for wrong in (3.0, (1.0,), {"frequency": 2.0}, {"speed": 1}):
+    along = columns_of_base(ALONG | {"azimuth_deg": [0, 180]})
+    assert along["base_azimuth"] == pytest.approx([0.0, math.pi])
+    assert columns_of_base(ALONG)["base_azimuth"] == 0
+    refused = (
+        ALONG | {"direction": "up"},
+        ALONG | {"direction": "vertical", "azimuth_deg": 3},
+    )
+    for wrong in (3.0, (1.0,), {"frequency": 2.0}, {"speed": 1}, *refused):
         with pytest.raises(ConfigError, match="base"):
             columns_of_base(wrong)
 
@@ -182,6 +220,35 @@ def test_theory_of_a_drive():
     assert {each.name: each.value for each in strong}["n_base_roll"] > 0
 
 
+def test_theory_of_a_drive_along_the_plane():
+    """Growth by resonance, and the spin that solves the balance of the closed form."""
+    assert growth_of_push(12.0, math.pi / 6, 0.1) == pytest.approx(0.1 / 48)
+    omega, inertia, damping, coefficient = 1.44, 12.0, 4e-4, 0.55
+    of_mode = inertia, damping, coefficient
+    detuning = np.array([-0.1, 0.0, 0.05])
+    spin = spin_of_push(omega, omega + detuning, 0.02, *of_mode)
+    assert (spin < 0).all()
+    slowed = damping - coefficient * spin / 2
+    near = [slowed**2 + (detuning + sign * spin) ** 2 for sign in (1, -1)]
+    energy = 0.02**2 / (32 * inertia) * sum(1 / each for each in near)
+    assert 2 * damping * inertia * -spin == pytest.approx(coefficient * energy)
+    # Tuned, and much faster than the loss.
+    cube = coefficient * 0.02**2 / (32 * inertia**2 * damping)
+    cube = cube / (1 + coefficient**2 / 4)
+    assert spin[1] == pytest.approx(-np.cbrt(cube), rel=5e-3)
+    other_way = spin_of_push(omega, omega, 0.02, inertia, damping, -coefficient)
+    assert other_way == -spin[1]
+    assert np.isnan(spin_of_push(omega, omega, 0.02, inertia, 0.0, coefficient))
+    gh = rs.Rattleback.gh()
+    drive = {"base_frequency": 1.4, "base_acceleration": 0.02, "base_azimuth": 0.3}
+    values = {x.name: x.value for x in derived(gh, 0.1, 0.01, sigma=0.01, **drive)}
+    modes = rs.modes(gh)
+    assert values["base_frequency_pitch"] == pytest.approx(modes.omega_p)
+    assert values["n_base_pitch"] == pytest.approx(-0.04734, abs=1e-5)
+    assert values["n_base_roll"] > 0
+    assert values["n_base"] == pytest.approx(-0.0647, abs=1e-3)
+
+
 def test_the_command_body_says_where_a_stone_spins_up():
     stone = (
         *("--half-ellipsoid", "12cm,3cm,12mm", "--mass", "60g", "--skew", "3deg"),
@@ -190,6 +257,12 @@ def test_the_command_body_says_where_a_stone_spins_up():
     found = sweeping.invoke("body", *stone)
     assert found.exit_code == 0
     assert "19.459  Hz" in found.stdout
+    along = sweeping.invoke("body", *stone[:-1], "10Hz,0.1mm,90deg")
+    assert along.exit_code == 0
+    assert "9.72961  Hz" in along.stdout
+    refused = sweeping.invoke("body", "--gamma", "10", "--base", "10Hz,0.1mm,up")
+    assert refused.exit_code == 2
+    assert "has no azimuth in degrees" in refused.stderr
     refused = sweeping.invoke("body", "--gamma", "10", "--base", "25Hz")
     assert refused.exit_code == 2
     assert "as in 2.88,0.02 or 25Hz,0.1mm" in refused.stderr

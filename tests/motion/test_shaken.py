@@ -309,7 +309,8 @@ def test_dask_has_the_rows_of_one_computer(tmp_path):
 
 def test_the_oracle_at_rest_is_the_other_oracle():
     """With the plane at rest the forces are those of `stone_oracle`."""
-    y = np.array([0.05, 0.02, -math.sqrt(1 - 0.0029), 0.1, 0.2, 0.3, 0.0, 0.0])
+    u = np.array([0.05, 0.02, -math.sqrt(1 - 0.0029)])
+    y = shaken_oracle.launched(u, np.array([0.1, 0.2, 0.3]))
     drive = Shaken(2.0, 0.0, sigma=0.1, rolling=1e-3)
     ours = shaken_oracle.motion(0.0, y, oracle.GH, drive)
     others = stone_oracle.forces(y, oracle.GH, sigma=0.1, rolling=1e-3)

@@ -166,11 +166,11 @@ class PreparedRun:
 
     @property
     def losses(self) -> str:
-        """The losses that are not zero, as text."""
+        """What acts on the body by its constants, as text."""
         losses = []
         for name, values in self.launches.losses.items():
-            if values[0] > 0:
-                constant = ACTING[name]
+            constant = ACTING[name]
+            if values[0] != constant.default:
                 value = self.with_unit(values[0], constant.unit)
                 losses.append(f"{constant.letter} {value}")
         return ", ".join(losses)

@@ -157,9 +157,10 @@ class TableBodies:
             if name in self.columns:
                 values = np.unique(self.columns[name])
                 losses[name] = [FROM_TABLE] if len(values) > 1 else [float(values[0])]
-        # The key of the phase is in degrees.
-        if losses.get("base_phase", [0.0]) != [0.0]:
-            losses["base_phase"] = [FROM_TABLE]
+        # The keys of angles are in degrees.
+        for name in ("base_phase", "base_azimuth"):
+            if losses.get(name, [0.0]) != [0.0]:
+                losses[name] = [FROM_TABLE]
         return losses
 
     @property
