@@ -25,6 +25,7 @@ def export(
     *,
     format: str = EXPORT_FORMAT,
     engine: str | None = None,
+    portable: bool = False,
     length: NumberOrText | None = None,
     name: str = CASE_NAME,
     path: str | Path | None = None,
@@ -46,6 +47,8 @@ def export(
         Instead of a format, the engine of a Python file that repeats the run there and
         prints its first reversal: one of ``mujoco``, ``mjx``, ``newton``, ``drake``,
         ``dart``, ``motrix``, ``bullet``, ``rapier`` and ``exudyn``.
+    portable : bool
+        Keep a model to what most readers of MJCF know.
     length : float or str, optional
         Height of the centre of mass, in m, which a body without a size needs.  Such a
         body has a mass of 1 kg.
@@ -67,7 +70,7 @@ def export(
                 f"tolerance; leave {setting} out"
             )
     run = prepare_launch(body, **launch)
-    return export_run(run, format, length, name, path, engine)[0]
+    return export_run(run, format, length, name, path, engine, portable)[0]
 
 
 def ending_of(format: str, engine: str | None) -> str:
@@ -84,6 +87,7 @@ def export_run(
     name: str,
     path: str | Path | None,
     engine: str | None = None,
+    portable: bool = False,
 ) -> tuple[str, EngineCase]:
     """Return the text of an export and its case; write the text if there is a path."""
     from rattlesweep.analysis.engines.case import make_case
@@ -96,6 +100,8 @@ def export_run(
         raise ConfigError(f"format: {not_one_of(format, EXPORT_FORMATS)}")
     if engine is not None and engine not in ENGINE_NAMES:
         raise ConfigError(f"engine: {not_one_of(engine, ENGINE_NAMES)}")
+    if portable and (engine is not None or format != "mjcf"):
+        raise ConfigError("portable: only a model (mjcf) can be; leave portable out")
     if path is not None:
         path = as_path(path, "path")
         ending = ending_of(format, engine)
@@ -114,7 +120,7 @@ def export_run(
     if engine is not None:
         text = to_script(case, engine)
     elif format == "mjcf":
-        text = to_mjcf(case)
+        text = to_mjcf(case, portable=portable)
     else:
         text = case.to_json()
     if path is not None:

@@ -45,6 +45,12 @@ from rattlesweep.words.errors import ConfigError
     help="Instead of a format: a Python file that repeats the run in this engine and "
     "prints its first reversal.",
 )
+@option(
+    "--portable",
+    is_flag=True,
+    help="Keep a model to what most readers of MJCF know: a free joint with a name, "
+    "Euler's integrator, a plane that ends, a friction of 2 at most.",
+)
 @option("--name", metavar="TEXT", help=f"Name of the case.  [default: {CASE_NAME}]")
 @options.file(
     "--output",
@@ -63,6 +69,7 @@ from rattlesweep.words.errors import ConfigError
 def export(
     format: str | None,
     engine: str | None,
+    portable: bool,
     name: str | None,
     length: float | None,
     output: Path | None,
@@ -81,7 +88,7 @@ def export(
     if cases is not None:
         others = {
             **{"format": format, "engine": engine, "name": name},
-            **{"length": length, "output": output},
+            **{"length": length, "output": output, "portable": portable or None},
         }
         for option_of in pick({**given, **others}, *given, *others):
             raise ConfigError(
@@ -104,7 +111,9 @@ def export(
         )
     if name is None:
         name = given["preset"] or CASE_NAME
-    text, case = export_run(prepared_run(given), format, length, name, output, engine)
+    text, case = export_run(
+        prepared_run(given), format, length, name, output, engine, portable
+    )
     if output is None:
         click.echo(text, nl=False)
     else:

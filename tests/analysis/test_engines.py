@@ -2,12 +2,14 @@
 
 import importlib.resources
 import json
+import re
 import xml.etree.ElementTree as ET
 
 import jsonschema
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
+from scipy.spatial.transform import Rotation
 from sweeping import ROOT, invoke
 
 import rattlesweep as rs
@@ -86,6 +88,46 @@ def test_the_models_of_the_cases_are_up_to_date():
     for name, keys in cases.items():
         model = (FOLDER / f"{name}.xml").read_text()
         assert to_mjcf(reference(name), keys.get("one_percent")) == model
+
+
+def test_the_comment_of_a_model_has_the_launch_in_the_axes_of_the_world():
+    case = reference("printed-steady")
+    # Tilt the launch, so that the axes differ.
+    turn = Rotation.from_euler("xyz", [0.3, -0.2, 1.0])
+    x, y, z, w = turn.as_quat()
+    launch = case.launch.model_copy(update={"quaternion": (w, x, y, z)})
+    text = to_mjcf(case.model_copy(update={"launch": launch}))
+    rows = dict(
+        re.findall(r"^  (quaternion|the same|angular velocity) +(.*?) [r(]", text, re.M)
+    )
+    vectors = {name: np.array(row.split(), float) for name, row in rows.items()}
+    assert vectors["quaternion"] == pytest.approx([w, x, y, z], rel=1e-15)
+    assert vectors["the same"] == pytest.approx([x, y, z, w], rel=1e-15)
+    omega = turn.as_matrix() @ case.launch.omega
+    assert vectors["angular velocity"] == pytest.approx(omega, rel=1e-13)
+
+
+def test_a_portable_model_keeps_to_what_most_readers_know():
+    model = ET.fromstring(to_mjcf(reference("demo-pivots"), portable=True))
+    assert model.find("option").get("integrator") == "Euler"
+    joint = model.find(".//body/joint")
+    assert (joint.get("name"), joint.get("type")) == ("free", "free")
+    assert model.find(".//freejoint") is None
+    assert float(model.find("default/geom").get("friction").split()[0]) == 2
+    size = np.array(model.find(".//geom[@type='plane']").get("size").split(), float)
+    assert np.all(size > 0)
+    ordinary = ET.fromstring(to_mjcf(reference("demo-pivots")))
+    assert float(ordinary.find("default/geom").get("friction").split()[0]) == 4
+    # What a run does not need is not asked of the engine; what it needs is kept.
+    slides = ET.fromstring(to_mjcf(reference("demo-slides"), portable=True))
+    assert float(slides.find("default/geom").get("friction").split()[0]) == 0.3
+    steep = reference("sensitive")
+    contact = steep.expected.contact.model_copy(update={"friction": 2.5})
+    expected = steep.expected.model_copy(update={"contact": contact})
+    with pytest.raises(ConfigError, match=r"^portable: the run needs a .* 2\.5"):
+        to_mjcf(steep.model_copy(update={"expected": expected}), portable=True)
+    with pytest.raises(ConfigError, match=r"^portable: only a model"):
+        rs.export(ELLIPSOID, length="1 cm", portable=True, format="json", **LAUNCH)
 
 
 def test_pivoting_friction_is_torsional_friction_with_the_lever_in_metres():

@@ -4,7 +4,9 @@ import math
 import re
 from collections.abc import Sequence
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from scipy.spatial.transform import Rotation
 
 from rattlesweep.analysis.engines.case import EngineCase
 from rattlesweep.analysis.onerun.course import PreparedRun
@@ -21,6 +23,10 @@ AMPLE_IN_PIVOTING = 10.0
 # MuJoCo allows, with which its error is smallest (docs/engines.md).
 CONTACT_TIME = 0.005
 STEPS_IN_CONTACT_TIME = 2
+# Of a portable model: the largest friction, since some readers clip it, and half the
+# width of its plane in heights of the centre of mass, since some have no endless one.
+PORTABLE_FRICTION = 2.0
+PORTABLE_PLANE = 1000.0
 
 
 def check_model(
@@ -47,15 +53,30 @@ def check_model(
         )
 
 
-def to_mjcf(case: EngineCase, one_percent: float | None = None) -> str:
+def to_mjcf(
+    case: EngineCase, one_percent: float | None = None, portable: bool = False
+) -> str:
     """Return the model of the case of a run that passed :func:`check_model`.
 
     `one_percent` is the time constant of the contact, in ``sqrt(a/g)``, that is known
-    to give the first reversal to 1 %.
+    to give the first reversal to 1 %.  A `portable` model keeps to what most readers
+    of MJCF know: a free joint with a name, Euler's integrator, a plane that ends, and
+    a friction of 2 at most.
+
+    Raises
+    ------
+    ConfigError
+        If a portable model needs more friction.
     """
     unit_of_time = math.sqrt(case.body.height / case.plane.gravity)
     time_constant = CONTACT_TIME * unit_of_time
     friction, lever = friction_and_lever(case)
+    plane_size: float = 0  # without an end
+    if portable:
+        friction = _portable_friction(case, friction)
+        plane_size = PORTABLE_PLANE * case.body.height
+    quaternion = [number + 0.0 for number in case.launch.quaternion]
+    to_world = Rotation.from_quat(np.roll(quaternion, -1))  # SciPy's has w last
     # An elliptic cone: what rolling uses of the friction is lost to pivoting.
     used = min(1.0, case.expected.contact.friction / friction)
     half = case.body.surface.angle / 2
@@ -82,6 +103,10 @@ def to_mjcf(case: EngineCase, one_percent: float | None = None) -> str:
         weight=case.body.mass * case.plane.gravity,
         time_constant=time_constant,
         timestep=time_constant / STEPS_IN_CONTACT_TIME,
+        portable=portable,
+        plane_size=plane_size,
+        quaternion=quaternion,
+        omega_of_world=to_world.apply(case.launch.omega),
         turned=(math.cos(half), 0.0, 0.0, math.sin(half)),
     )
     return linked(text)
@@ -98,6 +123,19 @@ def friction_and_lever(case: EngineCase) -> tuple[float, float]:
     if case.plane.friction is not None:
         return float(case.plane.friction), lever
     return float(_ample_friction(case.expected.contact.friction, lever)), lever
+
+
+def _portable_friction(case: EngineCase, friction: float) -> float:
+    """Return a friction of 2 at most; raise a ConfigError if the run needs more."""
+    needed = case.expected.contact.friction
+    if case.plane.friction is not None:
+        needed = case.plane.friction
+    if needed > PORTABLE_FRICTION:
+        raise ConfigError(
+            f"portable: the run needs a friction of {needed:.3g}, and a portable model "
+            f"has {PORTABLE_FRICTION:g} at most; leave portable out"
+        )
+    return min(friction, PORTABLE_FRICTION)
 
 
 def _ample_friction(needed: float, lever: float) -> float:

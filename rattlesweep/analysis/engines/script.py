@@ -53,7 +53,7 @@ ENGINES: Mapping[str, PhysicsEngine] = {
     "drake": PhysicsEngine("Drake", "drake", 0.01),
     "dart": PhysicsEngine("DART", "dartpy", 0.01),
     "motrix": PhysicsEngine("MotrixSim", "motrixsim", 0.01, reads_mjcf=True),
-    "bullet": PhysicsEngine("Bullet", "pybullet", 0.005, remark=FACETS),
+    "bullet": PhysicsEngine("Bullet", "pybullet", 0.005, pivots=True, remark=FACETS),
     "rapier": PhysicsEngine("Rapier", "rapier3d", 0.01, remark=FACETS),
     "exudyn": PhysicsEngine("Exudyn", "exudyn", 0.005, remark=OWN_CONTACT),
 }

@@ -21,6 +21,12 @@ def vertices(case):
     return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1) + case["centre"]
 
 
+def surface(case):
+    """Return the shape of the body."""
+    points = vertices(case).tolist()
+    return bullet.createCollisionShape(bullet.GEOM_MESH, vertices=points)
+
+
 def build(case, step):
     """Return the scene at launch."""
     bullet.connect(bullet.DIRECT)
@@ -30,24 +36,27 @@ def build(case, step):
     ground = bullet.createMultiBody(
         0, bullet.createCollisionShape(bullet.GEOM_PLANE, planeNormal=[0, 0, 1])
     )
-    hull = bullet.createCollisionShape(
-        bullet.GEOM_MESH, vertices=vertices(case).tolist()
-    )
     w, *xyz = case["quaternion"]
-    stone = bullet.createMultiBody(case["mass"], hull, -1, case["position"], [*xyz, w])
+    stone = bullet.createMultiBody(
+        case["mass"], surface(case), -1, case["position"], [*xyz, w]
+    )
     friction = math.sqrt(case["friction"])  # Bullet multiplies both
+    spinning = 0.0
+    if case["lever"] > 0:
+        spinning = case["lever"] / friction  # times the plane's friction
     bullet.changeDynamics(ground, -1, lateralFriction=friction, restitution=0)
     bullet.changeDynamics(
         stone,
         -1,
         lateralFriction=friction,
         rollingFriction=0,
-        spinningFriction=0,
+        spinningFriction=spinning,
         restitution=0,
         linearDamping=0,
         angularDamping=0,
         localInertiaDiagonal=case["inertia"],
         collisionMargin=0,
+        maxJointVelocity=1e6,  # by default a body spins at 100 rad/s at most
         activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING,
     )
     turn = np.array(bullet.getMatrixFromQuaternion([*xyz, w])).reshape(3, 3)

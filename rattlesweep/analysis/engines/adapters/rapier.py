@@ -25,6 +25,13 @@ def vertices(case):
     return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1) + case["centre"]
 
 
+def surface(case):
+    """Return the shape of the body."""
+    return rapier.Collider.convex_hull(
+        vertices(case), density=0.0, friction=case["friction"], restitution=0.0
+    )
+
+
 def build(case, step):
     """Return the scene at launch."""
     world = rapier.PhysicsWorld(gravity=(0.0, 0.0, -case["gravity"]))
@@ -52,10 +59,7 @@ def build(case, step):
         .gyroscopic_forces(True)
         .can_sleep(False)
     )
-    surface = rapier.Collider.convex_hull(
-        vertices(case), density=0.0, friction=case["friction"], restitution=0.0
-    )
-    return world, world.add_body(body, [surface])
+    return world, world.add_body(body, [surface(case)])
 
 
 def advance(scene):

@@ -1,0 +1,184 @@
+"""Scenes that show one fault of a physics engine each.
+
+    python benchmarks/faults.py                  # the engines that are installed
+    python benchmarks/faults.py --engine rapier --scenes marble --step 0.004
+
+runs the scenes of `benchmarks/engines/faults.yaml`.  A row has the number that the
+scene measures, what is right within a tolerance, and what the fault gives.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib import import_module
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from machine import ROOT, heading
+from ruamel.yaml import YAML
+from scipy.spatial.transform import Rotation
+
+from rattlesweep.analysis.engines.adapters import frame
+from rattlesweep.analysis.engines.script import ENGINES, HERE
+
+SCENES = ROOT / "benchmarks" / "engines" / "faults.yaml"
+GRAVITY = 9.81
+
+
+def scenes() -> dict[str, dict[str, Any]]:
+    """Return the scenes by name."""
+    return YAML(typ="safe").load(SCENES.read_text("utf-8"))
+
+
+def case_of(scene: dict[str, Any]) -> dict[str, Any]:
+    """Return the numbers of a scene, as the adapters of engines take them."""
+    return {
+        "mass": 1.0,
+        "height": scene["semi_axes"][2],
+        "inertia": scene["inertia"],
+        "semi_axes": scene["semi_axes"],
+        "angle": 0.0,
+        "centre": [0.0, 0.0, 0.0],
+        "gravity": -scene.get("gravity", [0.0, 0.0, -GRAVITY])[2],
+        "friction": float(scene.get("friction", 1)),
+        "lever": scene.get("lever", 0.0),
+        "position": [float(x) for x in scene["position"]],
+        "quaternion": [float(x) for x in scene.get("quaternion", [1, 0, 0, 0])],
+        "velocity": [float(x) for x in scene.get("velocity", [0, 0, 0])],
+        "omega": [float(x) for x in scene.get("omega", [0, 0, 0])],
+    }
+
+
+# How an engine gets a gravity that is not along z; others have no scenes with a slope.
+SLOPES: dict[str, Callable[[Any, Sequence[float]], None]] = {
+    "mujoco": lambda scene, gravity: np.copyto(scene[0].opt.gravity, gravity),
+    "bullet": lambda scene, gravity: import_module("pybullet").setGravity(*gravity),
+}
+
+
+# Engines whose files have hulls: the shape of a ball.
+BALLS: dict[str, Callable[[Any, dict[str, Any]], Any]] = {
+    "rapier": lambda adapter, case: adapter.rapier.Collider.ball(
+        case["height"], density=0.0, friction=case["friction"], restitution=0.0
+    ),
+    "bullet": lambda adapter, case: adapter.bullet.createCollisionShape(
+        adapter.bullet.GEOM_SPHERE, radius=case["height"]
+    ),
+}
+
+
+def built(name: str, adapter: Any, case: dict[str, Any], step: float) -> Any:
+    """Return an engine's scene at launch; a ball has its own shape."""
+    if name not in BALLS or len(set(case["semi_axes"])) > 1:
+        return adapter.build(case, step)
+    hull = adapter.surface
+    adapter.surface = partial(BALLS[name], adapter)
+    try:
+        return adapter.build(case, step)
+    finally:
+        adapter.surface = hull
+
+
+def soft(scene: Any) -> None:
+    """Give MuJoCo the contact that it has by default."""
+    scene[0].geom_solref[:] = [0.02, 1.0]
+    scene[0].geom_solimp[:] = [0.9, 0.95, 0.001, 0.5, 2.0]
+
+
+def without_gyroscopic_term(scene: Any) -> None:
+    """Give a body of Rapier what it has by default."""
+    world, stone = scene
+    world.rigid_bodies[stone].gyroscopic_forces_enabled = False
+
+
+# Engines with other settings than those of their files, for a scene each.
+OTHERWISE = {
+    ("mujoco", "bead"): ("contact by default", soft),
+    ("rapier", "turns-over"): ("by default", without_gyroscopic_term),
+}
+
+
+def measured(
+    name: str, scene: dict[str, Any], change: Callable[[Any], None] | None = None
+) -> float:
+    """Return the number of a scene in an engine."""
+    adapter = import_module(f"{HERE}.{name}")
+    case = case_of(scene)
+    state = built(name, adapter, case, scene["step"])
+    if change is not None:
+        change(state)
+    if "gravity" in scene:
+        SLOPES[name](state, scene["gravity"])
+    turn = Rotation.from_quat(np.roll(case["quaternion"], -1)).as_matrix()
+    at_launch = frame.look_of(
+        case,
+        np.array(case["position"]),
+        turn,
+        np.array(case["velocity"]),
+        turn @ np.array(case["omega"]),
+    )
+    gaps, slips, spins = [], [], []
+    for _ in range(round(scene["until"] / scene["step"])):
+        adapter.advance(state)
+        position, turn, velocity, omega, _ = adapter.look(state)
+        spin, energy, gap, slip = frame.look_of(case, position, turn, velocity, omega)
+        gaps.append(gap)
+        slips.append(slip)
+        spins.append(spin)
+    return {
+        "spin about the body's y": lambda: (turn.T @ omega)[1] / case["omega"][1],
+        "speed": lambda: velocity[0] / case["velocity"][0],
+        "depth": lambda: -np.mean(gaps[len(gaps) // 2 :]) / case["height"],
+        "spin": lambda: spin / at_launch[0],
+        "slip over spin": lambda: sum(slips) / sum(spins),
+        "energy": lambda: energy / at_launch[1],
+    }[scene["measure"]]()
+
+
+def suits(name: str, scene: dict[str, Any]) -> bool:
+    """Return whether an engine has what a scene asks for."""
+    if "lever" in scene and not ENGINES[name].pivots:
+        return False
+    return "gravity" not in scene or name in SLOPES
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--engine", nargs="+", choices=ENGINES, default=list(ENGINES))
+    parser.add_argument("--scenes", nargs="+", choices=scenes(), default=list(scenes()))
+    parser.add_argument("--step", type=float, help="instead of those of the scenes, s")
+    options = parser.parse_args()
+    print(heading())
+    print("engine | scene | step, ms | number | right | tolerance | with the fault")
+    for name in options.engine:
+        try:
+            adapter = import_module(f"{HERE}.{name}")
+        except ImportError:
+            print(f"{name} | not installed: pip install {ENGINES[name].installs}")
+            continue
+        print(*(f"{each} {version(each)}" for each in adapter.PACKAGES), sep=", ")
+        for label in options.scenes:
+            scene = scenes()[label]
+            if not suits(name, scene):
+                continue
+            scene["step"] = options.step or scene["step"]
+            runs = [("", None)]
+            if (name, label) in OTHERWISE:
+                runs.append(OTHERWISE[name, label])
+            for setting, change in runs:
+                number = measured(name, scene, change)
+                off = abs(number - scene["expected"])
+                verdict = "right" if off <= scene["tolerance"] else "WRONG"
+                print(
+                    f"{name} {setting} | {label} | {1e3 * scene['step']:g} | "
+                    f"{number:.6g} | {scene['expected']:.6g} | "
+                    f"{scene['tolerance']:g} | {scene['fault']:g} | {verdict}",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()
