@@ -1,4 +1,4 @@
-"""A hook of Hatchling that makes README.md the long description of the package.
+"""Hooks of Hatchling: README.md is the long description, and pages of docs/ come along.
 
 On a package index, a link such as ``docs/tutorial.md`` leads nowhere.  Pages and
 pictures of docs/ are linked to on the site, other files in the repository, both at the
@@ -11,6 +11,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 
@@ -23,6 +24,17 @@ class LongDescription(MetadataHookInterface):
         urls = metadata["urls"]
         text = published(markdown, urls["Documentation"], urls["Repository"])
         metadata["readme"] = {"content-type": "text/markdown", "text": text}
+
+
+class Pages(BuildHookInterface):
+    """The Markdown of docs/ in the wheel, for `rattlesweep docs`."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Add the pages; a wheel of an editable installation needs none."""
+        if version == "editable":
+            return
+        for page in Path(self.root, "docs").glob("*.md"):
+            build_data["force_include"][str(page)] = f"rattlesweep/pages/{page.name}"
 
 
 def published(markdown: str, site: str, repository: str) -> str:

@@ -23,6 +23,12 @@ COPIED = {
     "benchmarks/README.md": "measurements.md",
     "benchmarks/extremes.md": "extremes.md",
     "benchmarks/claims.md": "claims.md",
+    "benchmarks/claims_in_short.md": "claims_in_short.md",
+    "benchmarks/engines.md": "engine_runs.md",
+    "benchmarks/estimates.md": "estimates.md",
+    "benchmarks/friction.md": "friction_checks.md",
+    "benchmarks/kernel.md": "kernel.md",
+    "benchmarks/one_way.md": "one_way_tables.md",
     "benchmarks/fit.md": "fit_coverage.md",
     "benchmarks/literature.md": "other_runs.md",
 }
@@ -46,8 +52,10 @@ def on_files(files: Any, *, config: Any) -> Any:
     return files
 
 
-def on_page_markdown(markdown: str, **rest: Any) -> str:
-    """Point links to files outside docs/ at their pages."""
+def on_page_markdown(markdown: str, *, page: Any, **rest: Any) -> str:
+    """Point links to files outside docs/ at their pages; add docstrings to api.md."""
+    if page.file.src_uri == "api.md":
+        markdown += (ROOT / "docs" / "docstrings.txt").read_text(encoding="utf-8")
     return relinked(markdown, ROOT / "docs")
 
 

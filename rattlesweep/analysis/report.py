@@ -26,8 +26,16 @@ from rattlesweep.store.summary import (
     count_cases,
     summary_table,
 )
-from rattlesweep.system.pages import MOST_SVG, config_yaml, data_url, embedded, render
+from rattlesweep.system.pages import (
+    MOST_SVG,
+    config_yaml,
+    data_url,
+    embedded,
+    render,
+    script,
+)
 from rattlesweep.words.errors import ConfigError, OutputError
+from rattlesweep.words.units import readable_unit
 
 _DPI = 120
 MOST_SESSIONS = 200
@@ -78,7 +86,8 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         steps=steps,
         pictures=[_shown(layout, kind) for kind in dict.fromkeys(kinds)],
         case_head=[_heading(column) for column in table.schema],
-        cases=list(zip(*table.to_pydict().values(), strict=True)),
+        cases=list(zip(*map(_cells, table.schema, table.columns), strict=True)),
+        script=script("sort.js"),
         failures=failures,
         thresholds=thresholds,
         config=config_yaml(resolved(stored.config)),
@@ -91,6 +100,18 @@ def _heading(column: pa.Field) -> tuple[str, str]:
     """Return the heading of a column of the summary in words, and its name."""
     words = column.metadata[b"description"].decode()
     return re.split("[;,]", words)[0], column.name
+
+
+def _cells(column: pa.Field, values: pa.ChunkedArray) -> list[object]:
+    """Return the values of a column; a short length is a text and its size."""
+    cells: list[object] = values.to_pylist()
+    if column.metadata.get(b"unit") != b"m":
+        return cells
+    for place, value in enumerate(cells):
+        if isinstance(value, float):
+            factor, unit = readable_unit(value, "m")
+            cells[place] = (f"{factor * value:.5g} {unit}", value)
+    return cells
 
 
 def _work(stored: Stored) -> tuple[int, list[tuple[str, int, str, str]]]:

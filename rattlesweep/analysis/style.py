@@ -21,7 +21,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
@@ -33,6 +33,7 @@ from rattlesweep.rows.columns import define
 from rattlesweep.system.files import replace_file
 from rattlesweep.words.defaults import FIGURE_DPI
 from rattlesweep.words.errors import ConfigError, one_line, printable
+from rattlesweep.words.units import readable_unit
 
 # The palette of Okabe and Ito, which colour-blind readers can tell apart.
 BLUE = "#0072B2"
@@ -135,7 +136,13 @@ _WIDTHS = (1, 3, 5, 9)
 _WHOLE = 0.75
 _EVEN = 0.99
 _EXCEPT = 0.05  # of the windows
+# A sentence for the caption of a figure that has one.
+BAND = (
+    "Bands are oscillations too fast for the figure; their edges are the largest and "
+    "the smallest values."
+)
 LEAST_SIZE = 6.0  # points, of any text
+LEAST_PANEL = 0.3  # inches, of the height of a panel
 CAPTION_SIZE = 7.0  # points; less where the text of the figure is small
 CAPTION_PART = 0.22  # of the height of a figure that does not grow
 # A style file, the name of a style, or settings.
@@ -212,7 +219,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def add_legend(
-    figure: Figure, handles: Sequence[Artist], heading: Sequence[str] = ()
+    figure: Figure | SubFigure, handles: Sequence[Artist], heading: Sequence[str] = ()
 ) -> None:
     """Put a heading and a legend above all panels, in as few rows as fit."""
     count = max(1, len(handles))
@@ -327,11 +334,23 @@ def sized(size: tuple[float, float] | None) -> Iterator[None]:
             yield
         except UserWarning:
             assert size is not None
-            raise ConfigError(
-                f"size: the panels, their legend and their caption do not fit into "
-                f"{size[0]:g} x {size[1]:g} inches; give more, select fewer values, or "
-                "leave the caption out"
-            ) from None
+            raise ConfigError(_no_room(size)) from None
+
+
+def _no_room(size: tuple[float, float]) -> str:
+    return (
+        "size: the panels, their legend and their caption do not fit into "
+        f"{size[0]:g} x {size[1]:g} inches; give more, select fewer values, or leave "
+        "the caption out"
+    )
+
+
+def check_panels(figure: Figure, size: tuple[float, float]) -> None:
+    """Raise a ConfigError if a panel of a figure of this size is too low to read."""
+    for axes in figure.axes:
+        height = axes.get_window_extent().height / figure.dpi
+        if axes.axison and height < LEAST_PANEL:
+            raise ConfigError(_no_room(size))
 
 
 def fit_texts(figure: Figure) -> None:
@@ -489,8 +508,11 @@ def thin(values: Floats, bins: int) -> Places:
 
 def curve(
     axis: Axes, t: Floats, values: Floats, colour: str = BLUE, **look: Any
-) -> None:
-    """Draw a curve, or the column_envelope of one with very many oscillations."""
+) -> bool:
+    """Draw a curve, or as a band the column_envelope of very many oscillations.
+
+    Return whether it is a band, which `BAND` explains.
+    """
     lines: dict[str, Any] = {"color": colour, "linewidth": 0.8} | look
     band = None
     if np.isfinite(values).all():
@@ -498,11 +520,12 @@ def curve(
     if band is None:
         places = thin(values, _BINS)
         axis.plot(t[places], values[places], **lines)
-        return
+        return False
     axis.fill_between(*band, color=colour, alpha=0.25, linewidth=0)
     axis.plot(band.t, band.low, **lines)
     lines.pop("label", None)  # one entry in the legend is enough
     axis.plot(band.t, band.high, **lines)
+    return True
 
 
 class Envelope(NamedTuple):
@@ -647,11 +670,12 @@ def number_text(value: float, form: str = ".4g") -> str:
 def value_text(name: str, value: float) -> str:
     """Return a text such as ``n_i = -0.1`` or ``n_i = -60 rpm``."""
     definition = define(name)
-    text = f"{definition.symbol} = {number_text(value)}"
+    factor, unit = readable_unit(value, definition.unit)
+    text = f"{definition.symbol} = {number_text(factor * value)}"
     # The units of the body are left out.
-    if definition.unit in UNITS and definition.unit != "deg":
+    if unit in UNITS and unit != "deg":
         return text
-    return f"{text} {definition.unit}"
+    return f"{text} {unit}"
 
 
 def symbol(name: str) -> str:

@@ -407,6 +407,7 @@ def _draw(rows: pd.DataFrame) -> Figure:
         ylabel="cost of a run (µs per unit of time)",
         xlabel="relative error of $t_r$",
     )
+    axes.margins(x=0.1)  # for the labels of the most accurate settings
     style.light_grid(axes)
     axes.legend(loc="upper right")
     return figure

@@ -265,6 +265,12 @@ class SpinCurve(NamedTuple):
     n_rpm: Floats
 
 
+NOT_SURE = (
+    "Not sure: a stone within the errors that were given, or the same one with a "
+    "tighter tolerance, does something else."
+)
+
+
 def draw_verdict(
     table: pd.DataFrame,
     curves: Sequence[SpinCurve],
@@ -299,9 +305,13 @@ def draw_verdict(
                 axes.set_title(f"{spin:g} rpm", loc="left", fontsize=9)
         for axes in panels[-1]:
             axes.set(xlim=(0, end), xlabel="time (s)")
+        notes = []
         for curve in curves:
             axes = of_launch[curve.n_i_rpm]
-            style.curve(axes, curve.t_s, curve.n_rpm, colours[curve.friction])
+            if style.curve(axes, curve.t_s, curve.n_rpm, colours[curve.friction]):
+                notes = [style.BAND]
+        if not table["sure"].all():
+            notes.append(NOT_SURE)
         rows: list[dict[Any, Any]] = table.to_dict("records")
         for launch, time in zip(rows, _times(table), strict=True):
             axes = of_launch[
@@ -324,5 +334,5 @@ def draw_verdict(
             look = {"color": colours[friction], "linestyle": "-"}
             handles.append(style.entry(words, marker="o", **look))
         style.add_legend(figure, handles, [sentence.replace(". ", ".\n")])
-        style.add_caption(figure, _advised(advice))
+        style.add_caption(figure, [*_advised(advice), *notes])
         return shown(figure, path)

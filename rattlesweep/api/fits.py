@@ -148,7 +148,7 @@ def fit_with_progress(
     film = read_film(data, run.body.units, error, run.n_i)
     film = from_the_launch(film, run.n_i)
     with listening(bar.compiling):
-        return fit_run(run, film, names, bar.counting("fit"), stone, priors, robust)
+        return fit_run(run, film, names, bar.working("fit"), stone, priors, robust)
 
 
 def plan_of_fit(

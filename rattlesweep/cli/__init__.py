@@ -25,7 +25,6 @@ from rattlesweep.cli.options import (
     to_json,
 )
 from rattlesweep.system.processors import SettingError
-from rattlesweep.system.shipped import address
 from rattlesweep.words.errors import ConfigError, OutputError
 
 __all__ = [
@@ -39,11 +38,6 @@ __all__ = [
     "verdict",
 ]
 
-PAGES = [
-    ("tutorial", "from installation to a map"),
-    ("columns", "columns of the tables"),
-    ("types", "types of runs"),
-]
 FIRST_LINES = """\
   rattlesweep init --example quickstart     writes configs/quickstart.yaml
   rattlesweep run configs/quickstart.yaml   integrates 6,000 rattlebacks
@@ -125,9 +119,7 @@ class Program(click.Group):
                 formatter.write_dl(rows)
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write where the documentation is, and three lines to begin with."""
-        with formatter.section("Documentation"):
-            formatter.write_dl([(address(page), about) for page, about in PAGES])
+        """Write three lines to begin with."""
         with formatter.section("To begin with"):
             formatter.write(FIRST_LINES)
 

@@ -76,7 +76,7 @@ def fit(
     Tracker, Kinovea, phyphox, Sensor Logger and others are read as they are. Exits with
     3 if the run does not follow the data. docs/fit.md explains both files.
     """
-    from rattlesweep.analysis.fit.result import summary_of
+    from rattlesweep.analysis.fit.result import lines_below
     from rattlesweep.api.fits import fit_films, fit_with_progress, plan_of_fit
 
     _check_films(data, plan, profile, figure)
@@ -114,9 +114,8 @@ def fit(
         else:
             best.plot(figure)
     if not quiet:
-        say(summary_of(best))
-        for remark in best.remarks:
-            say(f"warning: {remark}")
+        for line in lines_below(best):
+            say(line)
     if not best.means_something:
         return SOME_FAILED
     return DONE
@@ -176,6 +175,14 @@ def _fit_as_json(best: Fit, profile: pd.DataFrame | None) -> dict[str, Any]:
     data = {name: getattr(best, name) for name in names}
     for name in ("covariance", "correlations"):
         data[name] = getattr(best, name).to_dict()
+    data["advised"] = None
+    if best.advised is not None:
+        data["advised"] = {
+            "omega_xy0": best.push,
+            "values": best.advised.values,
+            "intervals": best.advised.intervals,
+            "in_si": best.advised.in_si,
+        }
     if profile is not None:
         data["profile"] = {**profile.to_dict("list"), **profile.attrs}
     return data

@@ -65,7 +65,7 @@ WRONG = 2
 SOME_FAILED = 3
 EARLY = 75
 
-SECTIONS = ("Sweeps", "Results of a sweep", "One run", "Studies")
+SECTIONS = ("Sweeps", "Results of a sweep", "One run", "Studies", "Documentation")
 PRINTED_ROWS = 60  # rows of a table that are printed
 
 
@@ -77,7 +77,7 @@ class Command(click.Command):
     def format_help_text(
         self, ctx: click.Context, formatter: click.HelpFormatter
     ) -> None:
-        """Write the text of the help, with addresses of pages of the documentation."""
+        """Write the text of the help, with commands that print pages."""
         self.help = linked(self.help or "")
         super().format_help_text(ctx, formatter)
 

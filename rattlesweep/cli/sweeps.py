@@ -25,9 +25,9 @@ from rattlesweep.cli.options import (
     to_json,
 )
 from rattlesweep.system.console import Bar, counted
-from rattlesweep.system.shipped import example_names
+from rattlesweep.system.shipped import documentation, example_names
 from rattlesweep.words.defaults import FIGURE_DPI
-from rattlesweep.words.errors import ConfigError
+from rattlesweep.words.errors import ConfigError, check_names
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -257,8 +257,9 @@ def _say_result(result: Swept, quiet: bool, verbose: bool) -> int:
 
 @command("Sweeps", "rattlesweep status out/quickstart")
 @options.directory
+@option("--complete", is_flag=True, help="Exit with 75 if runs are missing.")
 @options.as_json
-def status(directory: Path, as_json: bool) -> int:
+def status(directory: Path, complete: bool, as_json: bool) -> int:
     """Show the progress of a sweep, at any time.
 
     Exits with 3 if some runs have a status other than ok.
@@ -267,6 +268,8 @@ def status(directory: Path, as_json: bool) -> int:
 
     counts = count_rows(directory)
     click.echo(to_json(counts.data) if as_json else counts.words)
+    if complete and counts.data["runs"] < counts.data["wanted"]:
+        return options.EARLY
     if set(counts.data["status"]) - {"ok"}:
         return options.SOME_FAILED
     return DONE
@@ -454,6 +457,22 @@ def schema(case: bool, document: str | None) -> None:
         click.echo(to_json(document_schema(document)))
     else:
         click.echo(to_json(config_json_schema()))
+
+
+@command("Documentation", "rattlesweep docs", "rattlesweep docs tutorial")
+@click.argument("page", required=False)
+def docs(page: str | None) -> None:
+    """Print a page of the documentation, or list the pages.
+
+    Pages come with the package and are Markdown; pictures do not come with it.
+    """
+    pages = documentation()
+    if page is None:
+        for name, text in pages.items():
+            click.echo(f"{name:<13}{text.partition(chr(10))[0].removeprefix('# ')}")
+        return
+    check_names("PAGE", [page], pages)
+    click.echo_via_pager(pages[page])
 
 
 def _print_summary(summary: pa.Table | None, directory: Path) -> None:
@@ -764,21 +783,37 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
         click.echo(estimate.sensitivity_text(indices, options.PRINTED_ROWS))
 
 
-@command("Studies", "rattlesweep paper --quick", "rattlesweep paper --only fig7,fig8")
+@command(
+    "Studies",
+    "rattlesweep paper --quick",
+    "rattlesweep paper --only fig7,fig8",
+    "rattlesweep paper --set bodies.ranges.theta=[0.7,0.8] --output out/narrow",
+)
 @options.output("Output directory; by default out/paper, or out/paper-quick.")
 @option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
 @option(
     "--only", metavar="NAMES", help="Only these parts, such as fig7,fig8 or theory."
 )
+@options.overrides
+@option("--size", type=options.FIGURE_SIZE, help="Size of each figure, in inches.")
+@option("--style", metavar="STYLE", help="A style of Matplotlib, as of `plot`.")
 @options.threads
 @options.quiet
 def paper(
-    output: Path | None, quick: bool, only: str | None, threads: int | None, quiet: bool
+    output: Path | None,
+    quick: bool,
+    only: str | None,
+    overrides: tuple[str, ...],
+    size: tuple[float, float] | None,
+    style: str | None,
+    threads: int | None,
+    quiet: bool,
 ) -> int:
     """Reproduce the figures of Kondo and Nakanishi (2017) and check their claims.
 
     Prints a verdict on each claim. Writes data and pictures of the figures, and
-    report.html, a self-contained page. After a stop the same command resumes.
+    report.html, a self-contained page. After a stop the same command resumes. Bodies
+    of other ranges (--set bodies.ranges.theta=[0.7,0.8]) need an --output of their own.
     """
     from rattlesweep.paper.reproduce import (
         choose_figures,
@@ -793,9 +828,11 @@ def paper(
     directory = output or Path("out/paper-quick" if quick else "out/paper")
     sizes = QUICK_SIZES if quick else FULL_SIZES
     progress = False if quiet else None
-    workspace = Workspace(directory, sizes, threads=threads, progress=progress)
+    workspace = Workspace(
+        directory, sizes, overrides, threads=threads, progress=progress
+    )
     with Bar.of_command(quiet) as bar:
-        claims = reproduce(workspace, names, bar.stage)
+        claims = reproduce(workspace, names, bar.stage, style=style, size=size)
     if not quiet:
         if claims:
             click.echo(verdict_table(claims))

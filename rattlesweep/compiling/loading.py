@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 # Functions import Numba where they need it: commands without a kernel start faster.
 PACKAGE = Path(__file__).resolve().parents[1]
 PROCESSES = 2  # processes that compile at once
+TOLD_EVERY = 60.0  # seconds after which a listener is told again that they compile
 # Settings of Numba, as in NUMBA_OPT, that change the code of a kernel.
 NUMBA_SETTINGS = (
     "OPT",
@@ -346,7 +347,7 @@ def _compile(wanted: list[Order]) -> None:
             with suppress(OSError):
                 children.append(_start_child(wanted))
         for child in children:
-            child.wait()
+            _wait(child)
         for order in wanted:
             # Wait in case another command is compiling this kernel.
             with suppress(OSError):
@@ -357,6 +358,17 @@ def _compile(wanted: list[Order]) -> None:
         for child in children:
             child.kill()
             child.communicate()
+
+
+def _wait(child: subprocess.Popen[bytes]) -> None:
+    """Wait for a process, and tell the listener now and then that it goes on."""
+    while True:
+        try:
+            child.wait(TOLD_EVERY)
+            return
+        except subprocess.TimeoutExpired:
+            if _listeners:
+                _listeners[-1](_stored_folder() is not None)
 
 
 def _can_start() -> bool:
@@ -426,7 +438,10 @@ _listeners: list[Listener] = []
 
 @contextmanager
 def listening(listener: Listener) -> Iterator[None]:
-    """Call a listener before each compilation inside ``with``, in all threads."""
+    """Call a listener before each compilation inside ``with``, in all threads.
+
+    While processes compile, it is called again after each `TOLD_EVERY`.
+    """
     _listeners.append(listener)
     try:
         yield

@@ -79,6 +79,13 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     return checked(Config, data, places, problems)
 
 
+def overridden(data: dict[str, object], texts: Sequence[str]) -> dict[str, object]:
+    """Return a config with ``KEY=VALUE`` put into it; `data` is changed."""
+    for text in texts:
+        _override(data, KeyPlaces(), text)
+    return data
+
+
 def read_file(
     path: str | os.PathLike[str],
 ) -> tuple[dict[str, object], KeyPlaces, list[_Problem]]:

@@ -151,7 +151,7 @@ SHAKEN = Action(
 SWAYED = Action(
     "swayed",
     ("base_acceleration", "base_frequency", "base_phase", "base_azimuth"),
-    force=shaking.push,
+    force=shaking.force_of_plane,
     lifts=True,
     components=("turns of the base", "base_x", "base_y", "base_z"),
     rates=shaking.swayed_rates,

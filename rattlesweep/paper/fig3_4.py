@@ -1,6 +1,7 @@
 """Random bodies of SD: Fig. 3, frequencies (T4), and Fig. 4, coefficients (T5)."""
 
 import threading
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -9,21 +10,22 @@ from matplotlib.figure import Figure
 from scipy.stats import ks_2samp
 
 from rattlesweep.api import draw_bodies
-from rattlesweep.api.style import BLUE, GREEN, ORANGE, SKY, VERMILION, new_figure
+from rattlesweep.api.style import BLUE, GREEN, ORANGE, SKY, VERMILION
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.paper.claim import Measured
-from rattlesweep.paper.workspace import Made, Tables, Workspace, records
+from rattlesweep.paper.workspace import (
+    TABLE_I,
+    Made,
+    Tables,
+    Workspace,
+    paper_figure,
+    records,
+)
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS, shell_dumbbell
 
-# Ranges of the random bodies SD (Table I).
-TABLE_I = {
-    "gamma": (5.0, 15.0),
-    "f_sd": (0.05, 0.15),
-    "theta": (0.6, 0.95),
-    "phi": (0.01, 0.1),
-    "minus_xi_deg": (0.0, 6.0),
-}
+# Lower and upper ends by name.
+Ranges = Mapping[str, Sequence[float]]
 _SEED = 2017
 LEVELS = 2001  # points of a cumulative distribution
 _CHUNK = 100_000  # bodies counted at a time
@@ -40,15 +42,15 @@ _CLOSE = 0.02  # distance at which two distributions look the same in print
 MUCH = 10.0  # ratio that counts as "much larger"
 
 
-def drawn_bodies(first: int, last: int) -> tuple[Floats, ...]:
+def drawn_bodies(first: int, last: int, ranges: Ranges = TABLE_I) -> tuple[Floats, ...]:
     """Return ``alpha, beta, gamma, theta, phi, xi`` of some of the random bodies."""
-    bodies = draw_bodies(last - first, seed=_SEED, first=first, ranges=TABLE_I)
+    bodies = draw_bodies(last - first, seed=_SEED, first=first, ranges=ranges)
     return tuple(bodies[name].to_numpy() for name in PARAMETERS)
 
 
-def drawn_modes(samples: int) -> theory.Modes:
+def drawn_modes(samples: int, ranges: Ranges = TABLE_I) -> theory.Modes:
     """Return the modes of the first `samples` random bodies."""
-    alpha, beta, _, theta, phi, xi = drawn_bodies(0, samples)
+    alpha, beta, _, theta, phi, xi = drawn_bodies(0, samples, ranges)
     return theory.modes(alpha, beta, theta, phi, xi)
 
 
@@ -63,12 +65,12 @@ def cumulative(**values: Floats) -> pd.DataFrame:
 
 def frequencies(ws: Workspace) -> Tables:
     """Return the tables ``cumulative`` and ``summary`` (one row) of Fig. 3."""
-    modes = drawn_modes(ws.sizes.fig3_bodies)
+    modes = drawn_modes(ws.sizes.fig3_bodies, ws.ranges)
     ratio = modes.omega_p / modes.omega_r
     row = {
         "samples": len(ratio),
         "below": (ratio <= BOUND).sum(),
-        "ratio_bound": ratio_bound(),
+        "ratio_bound": ratio_bound(ws.ranges),
     }
     for mode in "pr":
         exact = getattr(modes, f"omega_{mode}")
@@ -85,12 +87,12 @@ def frequencies(ws: Workspace) -> Tables:
     }
 
 
-def ratio_bound() -> float:
-    """Return the infimum of ``omega_p / omega_r`` over the ranges of Table I."""
-    alpha, beta = shell_dumbbell(TABLE_I["gamma"][1], TABLE_I["f_sd"][0])
-    xi = -np.radians(TABLE_I["minus_xi_deg"][0])
-    theta = TABLE_I["theta"][0]
-    phi = TABLE_I["phi"][1]
+def ratio_bound(ranges: Ranges = TABLE_I) -> float:
+    """Return the infimum of ``omega_p / omega_r`` over ranges of random bodies."""
+    alpha, beta = shell_dumbbell(ranges["gamma"][1], ranges["f_sd"][0])
+    xi = -np.radians(ranges["minus_xi_deg"][0])
+    theta = ranges["theta"][0]
+    phi = ranges["phi"][1]
     modes = theory.modes(alpha, beta, theta, phi, xi)
     return float(modes.omega_p / modes.omega_r)
 
@@ -108,7 +110,7 @@ def draw_frequencies(tables: Tables) -> Figure:
     """Draw the four distributions of Fig. 3 and, in the inset, that of the ratio."""
     values = tables["cumulative"]
     level = values["probability"]
-    figure = new_figure(4.6, 3.6)
+    figure = paper_figure(4.6, 3.6)
     axes = figure.add_subplot()
     # The curves nearly coincide: draw the approximation dark, dashed and thin on a
     # broad pale line.
@@ -235,7 +237,7 @@ def coefficient_claim(made: Made) -> Measured:
 
 def draw_coefficients(tables: Tables) -> Figure:
     """Draw (a) the cumulative distributions and (b) the density in the plane."""
-    figure = new_figure(4.6, 7.2)
+    figure = paper_figure(4.6, 7.2)
     upper, lower = figure.subplots(2, 1, height_ratios=(1, 1.25))
     values = tables["cumulative"]
     density = tables["density"]

@@ -18,7 +18,6 @@ from rattlesweep.api.style import (
     THEORY,
     VERMILION,
     add_legend,
-    new_figure,
     value_text,
 )
 from rattlesweep.paper.claim import Measured, every
@@ -29,6 +28,7 @@ from rattlesweep.paper.workspace import (
     Workspace,
     draw_spin,
     follow_run,
+    paper_figure,
     records,
     thinned,
 )
@@ -198,7 +198,7 @@ def frequency(run: pd.DataFrame, component: str) -> float:
 
 def draw_reversals(tables: Tables) -> Figure:
     """Draw (a) on the left and (b) on the right, the spin above the oscillations."""
-    figure = new_figure(9.2, 6.0)
+    figure = paper_figure(9.2, 6.0)
     # omega_x and omega_y share their scale, so that (a) and (b) can be compared.
     most = 1.1 * max(
         tables[name][[*COMPONENTS]].abs().to_numpy().max() for name in SPINS_AND_TIMES
@@ -431,7 +431,7 @@ def volume_claim(made: Made) -> Measured:
 
 def draw_long_runs(tables: Tables) -> Figure:
     """Draw a panel for each run."""
-    figure = new_figure(8.2, 6.4)
+    figure = paper_figure(8.2, 6.4)
     axes = figure.subplots(len(THETAS), 1, sharex=True, sharey=True)
     for axis, letter, theta in zip(axes, "abc", THETAS, strict=True):
         series = tables["spin"].query("theta == @theta")

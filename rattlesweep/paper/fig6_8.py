@@ -17,7 +17,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from rattlesweep.api import growth_rates, modes
-from rattlesweep.api.style import GREY, SERIES, add_legend, new_figure, value_text
+from rattlesweep.api.style import GREY, SERIES, add_legend, value_text
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.claim import Measured, every, extremes, rises
 from rattlesweep.paper.workspace import (
@@ -27,6 +27,7 @@ from rattlesweep.paper.workspace import (
     Workspace,
     draw_spin,
     follow_run,
+    paper_figure,
     records,
 )
 from rattlesweep.physics.body import PARAMETERS, Rattleback
@@ -367,7 +368,7 @@ def draw_times(tables: Tables) -> Figure:
         coefficient = "K_r"
         direction = "s"
         sign = "-"
-    figure = new_figure(9.2, 6.15)
+    figure = paper_figure(9.2, 6.15)
     axes = list(figure.subplots(2, 3).ravel())
     # All panels have one vertical range.
     means = values[["t_r_mean", "t_rgh_line"]].to_numpy()
@@ -418,10 +419,13 @@ def draw_times(tables: Tables) -> Figure:
         axis.grid(visible=True)
     for axis in axes[::3]:
         axis.set_ylabel(rf"$t_{{r{direction}}}$ / $\tilde t$")
-    add_legend(figure, axes[0].get_legend_handles_labels()[0])
+    handles = axes[0].get_legend_handles_labels()[0]
     if spin is None:
+        # The legend stands in the place that is left.
         axes[-1].axis("off")
+        axes[-1].legend(handles=handles, loc="center")
     else:
+        add_legend(figure, handles)
         draw_spin(axes[-1], spin)
         axes[-1].set_title(f"(b) GH, {value_text('n_i', N_I)}")
         axes[0].set_title("(a)", loc="left")

@@ -14,7 +14,6 @@ from rattlesweep.api.style import (
     SERIES,
     TYPE_STYLE,
     add_legend,
-    new_figure,
     value_text,
 )
 from rattlesweep.paper.claim import (
@@ -31,6 +30,7 @@ from rattlesweep.paper.workspace import (
     Workspace,
     draw_spin,
     follow_run,
+    paper_figure,
     records,
     thinned,
 )
@@ -342,13 +342,14 @@ def settled_spins(made: Made) -> Measured | None:
 def draw_types(tables: Tables) -> Figure:
     """Draw (a), a column for each spin and a row for each oscillation, and (b)."""
     values = tables["fractions"].sort_values("K_r")
+    occurring = [name for name in _SHOWN if values[name].any()]
     shown = records(tables["examples"])
     spins = sorted(values["n_i"].unique(), key=abs)
     sizes = sorted(values["omega_xy0"].unique())
     heights = [1.75 * len(sizes) + 0.7]
     if shown:
         heights.append(2.4)
-    figure = new_figure(2.1 * len(spins) + 0.6, sum(heights))
+    figure = paper_figure(2.1 * len(spins) + 0.6, sum(heights))
     upper, *lower = figure.subfigures(
         len(heights), 1, height_ratios=heights, squeeze=False
     )[:, 0]
@@ -368,7 +369,7 @@ def draw_types(tables: Tables) -> Figure:
             label=r"$|n_{c1}| < |n_i|$ (Bondi)",
             zorder=4,
         )
-        for name in _SHOWN:
+        for name in occurring:
             mark = TYPE_STYLE[name]
             face = "white"
             if mark.marker == "x":  # a cross has no face to leave white
@@ -392,9 +393,7 @@ def draw_types(tables: Tables) -> Figure:
     axes[0, 0].tick_params(axis="x", which="minor", labelbottom=False)
     axes[0, 0].set(xscale="log", ylim=(-0.04, 1.04), yticks=[0, 0.5, 1])
     axes[0, 0].set_title("(a)", loc="left")
-    upper.legend(
-        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5
-    )
+    add_legend(upper, axes[0, 0].get_legend_handles_labels()[0])
     if shown:
         below = lower[0].subplots(1, len(shown), squeeze=False)[0]
         for axis, row in zip(below, shown, strict=True):
@@ -481,7 +480,7 @@ def one_way(made: Made) -> Measured:
 
 def draw_friction(tables: Tables) -> Figure:
     """Draw the shares of the bodies against sigma, and against the lever."""
-    figure = new_figure(7.2, 3.4)
+    figure = paper_figure(7.2, 3.4)
     axes = figure.subplots(1, 2, sharey=True)
     names = {
         "both": "in both",

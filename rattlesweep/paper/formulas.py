@@ -14,8 +14,8 @@ import numpy as np
 from rattlesweep.api import modes
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.claim import ROUNDING_ALLOWED, Measured, Tally, every, extremes
-from rattlesweep.paper.fig3_4 import TABLE_I, drawn_bodies
-from rattlesweep.paper.workspace import Made
+from rattlesweep.paper.fig3_4 import drawn_bodies
+from rattlesweep.paper.workspace import TABLE_I, Made
 from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import Rattleback, shell_dumbbell
 

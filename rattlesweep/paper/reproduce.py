@@ -6,16 +6,27 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
+from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
 import matplotlib as mpl
 import pandas as pd
+from matplotlib.figure import Figure
 
 from rattlesweep.api import machine, versions
-from rattlesweep.api.style import FAINT, save_figure, save_table, styled
+from rattlesweep.api.style import (
+    FAINT,
+    check_panels,
+    chosen_size,
+    save_figure,
+    save_table,
+    separate_ticks,
+    sized,
+    styled,
+)
 from rattlesweep.paper.claim import UNDECIDED, judge, read_rows_of
-from rattlesweep.paper.workspace import FULL_SIZES, Tables, Workspace, sweep_config
+from rattlesweep.paper.workspace import FULL_SIZES, Tables, Workspace
 from rattlesweep.system.files import replace_file
 from rattlesweep.system.pages import config_yaml, embedded, render
 from rattlesweep.words.errors import check_names
@@ -53,8 +64,14 @@ def reproduce(
     workspace: Workspace,
     names: Sequence[str],
     begin: Callable[[str], None] = lambda title: None,
+    *,
+    style: str | None = None,
+    size: tuple[float, float] | None = None,
 ) -> list[dict[str, Any]]:
-    """Compute and draw parts, write the report, and return the judged claims."""
+    """Compute and draw parts, write the report, and return the judged claims.
+
+    `style` is a style of Matplotlib, and `size` that of each figure in inches.
+    """
     figures = {
         name: row for name, row in read_rows_of("parts").items() if name in names
     }
@@ -70,8 +87,8 @@ def reproduce(
         for table, rows in tables[name].items():
             save_table(rows, directory / f"{name}_{table}.parquet")
         paths = [directory / f"{name}.{kind}" for kind in FILE_KINDS]
-        with styled(), mpl.rc_context(LOOK):
-            save_figure(figure["draw"](tables[name]), paths)
+        with styled(style), mpl.rc_context(_look(style, size)):
+            _save(figure["draw"], tables[name], paths)
         picture = embedded(*(path.read_bytes() for path in paths))
         embedded_figures.append((name, figure, list(tables[name]), picture))
         seconds[name] = f"{time.perf_counter() - start:.1f} s"
@@ -79,15 +96,20 @@ def reproduce(
         tables, theory=_THEORY in names, few=sizes.samples < FULL_SIZES.samples
     )
     save_table(pd.DataFrame(claims), directory / "claims.parquet")
-    verdicts = {"claims": claims, "tally": tally(claims), "quick": sizes != FULL_SIZES}
+    verdicts = {
+        "claims": claims,
+        "tally": tally(claims),
+        "quick": sizes != FULL_SIZES,
+        "overrides": workspace.overrides,
+    }
     page = render("claims.md.j2", version=version("rattlesweep"), **verdicts)
     replace_file(directory / "claims.md", page)
-    sections = {"claims": "Claims"}
+    sections = {}
     if figures:
         sections["figures"] = "Figures"
-    sections |= {"run": "How it was made", "settings": "Settings"}
+    sections |= {"claims": "Claims", "run": "How it was made", "settings": "Settings"}
     sweeps = [path.name for path in sorted(directory.glob("sweeps/*"))]
-    configs = {name: sweep_config(name, sizes) for name in sweeps}
+    configs = {name: workspace.config(name) for name in sweeps}
     page = render(
         "paper.html.j2",
         title="Rattleback dynamics and its reversal time of rotation: recomputed",
@@ -103,6 +125,27 @@ def reproduce(
     )
     replace_file(directory / "report.html", page)
     return claims
+
+
+def _look(style: str | None, size: tuple[float, float] | None) -> dict[Any, Any]:
+    """Return the settings of the figures: ours, but for those of a style."""
+    look = dict(LOOK)
+    if style is not None:
+        look = {}
+    if size is not None:
+        look["figure.figsize"] = size
+    return look
+
+
+def _save(draw: Callable[[Tables], Figure], tables: Tables, paths: list[Path]) -> None:
+    """Draw a figure in the size that is chosen, if any, and save it."""
+    size = chosen_size()
+    with sized(size):
+        figure = draw(tables)
+        if size is not None:
+            separate_ticks(figure)
+            check_panels(figure, size)
+        save_figure(figure, paths)
 
 
 def tally(claims: Sequence[dict[str, Any]]) -> str:

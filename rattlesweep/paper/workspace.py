@@ -1,6 +1,6 @@
 """What all parts share: the directory of sweeps, sample counts, runs, drawing."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,19 +8,31 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from ruamel.yaml import YAML
 
 from rattlesweep import api
 from rattlesweep.api import Trajectory
-from rattlesweep.api.style import BLUE, thin
+from rattlesweep.api.style import BLUE, chosen_size, new_figure, thin
+from rattlesweep.config.read import overridden
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.system.files import probe_directory
-from rattlesweep.words.errors import OutputError
+from rattlesweep.words.errors import ConfigError, OutputError
 
 # Tables by name, and those of all parts by part.
 Tables = Mapping[str, pd.DataFrame]
 Made = Mapping[str, Tables]
 
+# Ranges of the random bodies SD (Table I).
+TABLE_I = {
+    "gamma": (5.0, 15.0),
+    "f_sd": (0.05, 0.15),
+    "theta": (0.6, 0.95),
+    "phi": (0.01, 0.1),
+    "minus_xi_deg": (0.0, 6.0),
+}
+# What may be overridden: the figures have the paper's launches.
+SETTABLE = ("bodies.ranges.", "bodies.c", "integrator.")
 OMEGA_XY0 = 0.01  # of all launches of the figures of runs
 LAUNCH = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0", "psi"]
 
@@ -56,12 +68,23 @@ class Workspace:
     """An output directory whose sweeps resume; the rest is computed each time."""
 
     def __init__(
-        self, directory: Path, sizes: Sizes = FULL_SIZES, **settings: Any
+        self,
+        directory: Path,
+        sizes: Sizes = FULL_SIZES,
+        overrides: Sequence[str] = (),
+        **settings: Any,
     ) -> None:
-        """Create or open the directory, with `threads` and `progress` of its sweeps."""
+        """Create or open the directory, with `threads` and `progress` of its sweeps.
+
+        `overrides` are texts such as ``bodies.ranges.theta=[0.7, 0.8]``.
+        """
+        self.overrides = tuple(overrides)
+        self.sizes = sizes
+        # A mistake in them is told before anything is written.
+        bodies = self.config("steady")["bodies"]
+        self.ranges = TABLE_I | bodies.get("ranges", {})
         probe_directory(directory)
         self.directory = directory
-        self.sizes = sizes
         self.settings = settings
         self.failed = 0
         self._sweeps: dict[str, pd.DataFrame] = {}
@@ -69,7 +92,7 @@ class Workspace:
     def sweep(self, name: str) -> pd.DataFrame:
         """Run or resume the sweep ``sweeps/NAME``; return its runs of status ``ok``."""
         if name not in self._sweeps:
-            config = sweep_config(name, self.sizes)
+            config = self.config(name)
             output = self.directory / "sweeps" / name
             sweep = api.sweep(config, output=output, **self.settings)
             runs = self._good(sweep.read())
@@ -79,6 +102,10 @@ class Workspace:
                 runs = runs.assign(**{f"{target}_body": runs[target], target: targets})
             self._sweeps[name] = runs.reset_index(drop=True)
         return self._sweeps[name]
+
+    def config(self, name: str) -> dict[str, Any]:
+        """Return the config of a sweep."""
+        return sweep_config(name, self.sizes, self.overrides)
 
     def again(self, runs: pd.DataFrame, most: int, *record: str) -> pd.DataFrame:
         """Integrate runs once more with ``record``, or `most`, evenly chosen."""
@@ -94,14 +121,28 @@ class Workspace:
         return runs[good]
 
 
-def sweep_config(name: str, sizes: Sizes) -> dict[str, Any]:
+def sweep_config(
+    name: str, sizes: Sizes, overrides: Sequence[str] = ()
+) -> dict[str, Any]:
     """Return the config of ``steady``, ``unsteady``, ``friction`` or ``pivoting``."""
+    for text in overrides:
+        if not text.strip().startswith(SETTABLE):
+            raise ConfigError(
+                f"--set {text}: the figures have the launches of the paper; set the "
+                "ranges or the surface of bodies, as in bodies.ranges.theta=[0.7, 0.8] "
+                "or bodies.c=2, or the integrator, as in integrator.tol=1e-11"
+            )
     config: dict[str, Any] = YAML(typ="safe").load(
         Path(__file__).with_name(f"{name}.yaml")
     )
     samples = {"friction": sizes.friction, "pivoting": sizes.pivoting}
     config["bodies"]["samples"] = samples.get(name, sizes.samples)
-    return config
+    return overridden(config, overrides)
+
+
+def paper_figure(width: float, height: float) -> Figure:
+    """Return a figure of the size that the caller or a style asks for, or of this."""
+    return new_figure(*(chosen_size() or (width, height)))
 
 
 def follow_run(

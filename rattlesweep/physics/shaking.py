@@ -106,7 +106,7 @@ def shaken_rhs(contact, y, inertia, shape, loss):
 
 
 @scalar
-def push(place, own):
+def force_of_plane(place, own):
     """Return the force at the centre of mass of a plane that shakes along itself."""
     acceleration_of_plane, _, _, _, turns, ex, ey, ez = own
     force = -acceleration_of_plane * cosine(turns)

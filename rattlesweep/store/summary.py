@@ -668,6 +668,8 @@ class Printed:
     varies: bool = False
     # The column in SI units that stands in its place where that is known.
     si: str = ""
+    # From the unit of the column to that of the heading.
+    factor: float = 1.0
 
 
 def _printed_losses() -> Iterator[Printed]:
@@ -678,8 +680,15 @@ def _printed_losses() -> Iterator[Printed]:
             yield Printed(name, name, ".4g", optional=True, varies=True)
             continue
         yield Printed(name, name, ".4g", varies=True, si=measure.name)
-        heading = f"{name} ({measure.unit})"
-        yield Printed(measure.name, heading, ".4g", optional=True, varies=True)
+        unit = measure.unit
+        factor = 1.0
+        if unit == "m":  # levers are far below 1 mm
+            unit = "um"
+            factor = 1e6
+        heading = f"{name} ({unit})"
+        yield Printed(
+            measure.name, heading, ".4g", optional=True, varies=True, factor=factor
+        )
 
 
 PRINTED = (
@@ -720,7 +729,12 @@ def closing_table(summary: pa.Table) -> str:
         line = [str(row["case"]), *(targets or ["-"])]
         for column in printed:
             value = row[column.name]
-            line.append("-" if value is None else format(value, column.form))
+            text = "-"
+            if value is not None:
+                if column.factor != 1.0:
+                    value *= column.factor
+                text = format(value, column.form)
+            line.append(text)
         lines.append(line)
     return align(lines)
 

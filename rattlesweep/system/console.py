@@ -113,6 +113,16 @@ class Bar(AbstractContextManager["Bar"]):
         """Return a function that shows how much of some work is done."""
         return lambda fraction: self._show(fraction, what)
 
+    def working(self, what: str) -> Callable[[int], None]:
+        """Return a function that shows the runs of work whose end is not known."""
+        start = time.process_time()
+
+        def show(runs: int) -> None:
+            used = clock(time.process_time() - start)
+            self._show(None, f"{what}, {counted(runs, 'run')}, processor {used}")
+
+        return show
+
     def stage(self, text: str) -> None:
         """Say what begins now; without a terminal at most once in `LINE_EVERY`."""
         now = time.monotonic()
@@ -123,28 +133,40 @@ class Bar(AbstractContextManager["Bar"]):
             self._say(f"{now - self._start:4.0f} s  {text}")
 
     def compiling(self, stored: bool) -> None:
-        """Say once that kernels are being compiled.
+        """Say that kernels are being compiled, and each minute that they still are.
 
         That later runs cannot have them is said once a process, with or without a bar.
         """
-        if not stored:
-            if self._warns:
-                _warn_once(COMPILING_ONCE)
-        elif (self._shown or self._lines) and not self._compiled:
-            self._say(COMPILING)
+        if not stored and self._warns:
+            _warn_once(COMPILING_ONCE)
+        now = time.monotonic()
+        if self._compiled and now >= self._last + LINE_EVERY:
+            if self._shown or self._lines:
+                self._say(f"still compiling, {clock(now - self._start)}")
+            self._last = now
+        elif not self._compiled:
+            if stored and (self._shown or self._lines):
+                self._say(COMPILING)
+            self._last = now
         self._compiled = True
 
-    def _show(self, fraction: float, text: str, left: str = "") -> None:
+    def _show(self, fraction: float | None, text: str, left: str = "") -> None:
+        """Show text and the time since the start; a fraction of None is not known."""
         now = time.monotonic()
         text = f"{text}, {clock(now - self._start)}{left}"
         if self._shown:
             if self._bar is None:
-                self._bar = _new_bar()
+                self._bar = _new_bar(fraction is not None)
             self._bar.set_description_str(text, refresh=False)
-            self._bar.update(100 * fraction - self._bar.n)
+            done = self._bar.n + 1.0
+            if fraction is not None:
+                done = 100 * fraction
+            self._bar.update(done - self._bar.n)
         elif self._lines and now >= self._last + LINE_EVERY:
             self._last = now
-            self._say(f"{100 * fraction:.1f} %, {text}")
+            if fraction is not None:
+                text = f"{100 * fraction:.1f} %, {text}"
+            self._say(text)
 
     @staticmethod
     def _say(line: str) -> None:
@@ -157,10 +179,17 @@ def _warn_once(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def _new_bar() -> tqdm:
-    """Return a bar of percents; tqdm's own estimate would include compilation."""
+def _new_bar(has_end: bool) -> tqdm:
+    """Return a bar of percents, or a text alone where the end is not known.
+
+    tqdm's own estimate would include compilation.
+    """
     with warnings.catch_warnings(action="ignore"):  # tqdm warns without ipywidgets
         from tqdm.auto import tqdm
 
-    form = "{percentage:3.0f}%|{bar}| {desc}"
-    return tqdm(total=100.0, bar_format=form, file=sys.stderr, delay=DELAY)
+    form = "{desc}"
+    total = None
+    if has_end:
+        form = "{percentage:3.0f}%|{bar}| {desc}"
+        total = 100.0
+    return tqdm(total=total, bar_format=form, file=sys.stderr, delay=DELAY)

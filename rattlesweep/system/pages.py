@@ -1,10 +1,12 @@
 """Self-contained HTML pages made from `templates/`, with their pictures inside."""
 
 import base64
+import hashlib
 import io
 import re
 import shlex
 from collections.abc import Mapping
+from importlib.resources import files
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -25,8 +27,24 @@ def render(template: str, **values: object) -> bytes:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"thousands": "{:,}".format, "shell": shlex.join}
-    return environment.get_template(template).render(values).encode()
+    environment.filters |= {
+        "thousands": "{:,}".format,
+        "shell": shlex.join,
+        "fingerprint": fingerprint,
+    }
+    page = environment.get_template(template).render({"script": None} | values)
+    return page.encode()
+
+
+def script(name: str) -> str:
+    """Return a script of `templates/` that a page may have."""
+    return files("rattlesweep").joinpath("templates", name).read_text("utf-8")
+
+
+def fingerprint(text: str) -> str:
+    """Return the hash by which a page allows a script, and no other one."""
+    digest = hashlib.sha256(text.encode()).digest()
+    return f"sha256-{base64.b64encode(digest).decode('ascii')}"
 
 
 def embedded(svg: bytes, png: bytes) -> Mapping[str, object]:

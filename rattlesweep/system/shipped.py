@@ -1,8 +1,7 @@
-"""What comes with the code: example configs, and the address of the documentation."""
+"""What comes with the code: example configs, and the pages of the documentation."""
 
 import json
 import re
-from importlib.metadata import metadata
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -13,12 +12,29 @@ ALIASES = {"map": "map_theta_spin"}
 
 def examples_folder() -> Traversable:
     """Return the folder of the example configs: of the package, or of the clone."""
+    return _packaged("examples", "configs")
+
+
+def documentation() -> dict[str, str]:
+    """Return the pages of the documentation: Markdown by name, in order of the names.
+
+    Files that only their directory has, such as pictures, are not among them.
+    """
+    pages = {
+        entry.name.removesuffix(".md"): entry.read_text(encoding="utf-8")
+        for entry in _packaged("pages", "docs").iterdir()
+        if entry.name.endswith(".md")
+    }
+    return dict(sorted(pages.items()))
+
+
+def _packaged(name: str, original: str) -> Traversable:
     package = files("rattlesweep")
-    packaged = package / "examples"
+    packaged = package / name
     if packaged.is_dir():
         return packaged
     # A clone has the only copy, which the wheel takes from there (see pyproject.toml).
-    return Path(str(package)).parent / "configs"
+    return Path(str(package)).parent / original
 
 
 def example_names() -> list[str]:
@@ -69,17 +85,5 @@ def starter(name: str) -> str:
 
 
 def linked(text: str) -> str:
-    """Return a text with addresses in place of pages such as ``docs/types.md``."""
-    if "docs/" not in text:
-        return text
-    return re.sub(r"docs/(\w+)\.md", lambda match: address(match[1]), text)
-
-
-def address(page: str) -> str:
-    """Return the address of a page of the documentation."""
-    for line in metadata("rattlesweep").get_all("Project-URL", ()):
-        label, _, site = line.partition(", ")
-        if label == "Documentation":
-            return f"{site.rstrip('/')}/{page}/"
-    # An editable install may be older than the table of addresses.
-    return f"docs/{page}.md"
+    """Return a text with commands in place of pages such as ``docs/types.md``."""
+    return re.sub(r"docs/(\w+)\.md", r"`rattlesweep docs \1`", text)

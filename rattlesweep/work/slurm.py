@@ -16,6 +16,16 @@ from rattlesweep.words.errors import ConfigError
 _MARGIN = 300  # seconds before the limit at which a task stops
 MARGIN_SHARE = 0.25  # of the limit, if that is less
 SHORTEST = 120  # seconds that a limit may be
+# What a task does that is done; the last one finds no run missing.
+_CHECK = """\
+if [[ $code -eq 0 || $code -eq 3 ]]; then
+    missing=0
+    "${program[@]}" status "$output" --complete >/dev/null 2>&1 || missing=$?
+    if ((missing != 75)); then
+        "${program[@]}" verify "$output" --complete || ((code)) || code=1
+    fi
+fi
+"""
 _LIMIT = re.compile(
     r"(?:(?P<days>\d{1,4})-)?(?P<hours>\d{1,6}):(?P<minutes>\d\d):(?P<seconds>\d\d)"
     r"|(?P<alone>\d{1,6})"
@@ -87,7 +97,11 @@ def job_script(
     target = quote(f"{output}")
     finish = f"verify {target} --complete"
     directory = target
+    check = _CHECK
+    ending = "The last one to end checks all:"
     if own:
+        check = ""
+        ending = "When all have ended:"
         shards_of = f"{{0..{shards - 1}}}" if shards > 1 else "0"
         merged = quote(f"{output}-merged")
         finish = f"merge {target}-{shards_of} --output {merged}"
@@ -103,7 +117,9 @@ def job_script(
         "WARNING": margin // 2,
         "MORE": options,
         "ABOUT": f"{plan.runs} runs in {shards} shards.",
+        "ENDING": ending,
         "FINISH": f"rattlesweep {finish}",
+        "CHECK": check,
         "VERSION": version("rattlesweep"),
         "PROGRAM": shlex.join(program()),
         "WHERE": quote(f"{where}"),

@@ -10,7 +10,7 @@
 #SBATCH --output=@NAME@-%A_%a.log
 @MORE@
 # @ABOUT@ A task stops before its time limit and puts itself into the
-# queue again, where it resumes; so does one whose node fails. When all have ended:
+# queue again, where it resumes; so does one whose node fails. @ENDING@
 #   @FINISH@
 
 set -uo pipefail
@@ -40,9 +40,11 @@ found=$("${program[@]}" --version 2>&1) ||
 [[ -r $config ]] || fail "$HOSTNAME does not see $config" 2
 mkdir -p "$output" 2>/dev/null && [[ -w $output ]] || fail "$HOSTNAME cannot write in $output"
 
-# Keep compiled kernels on the node's own disk, where only this user can put them.
-cache=${SLURM_TMPDIR:-${TMPDIR:-/tmp}}/rattlesweep-$(id -u)
-mkdir -m 700 "$cache" 2>/dev/null
+# Keep compiled kernels in the folder that is named already, or else on the node's own disk, where
+# only this user can put them.
+cache=${NUMBA_CACHE_DIR:-}
+[[ -n $cache ]] || cache=${SLURM_TMPDIR:-${TMPDIR:-/tmp}}/rattlesweep-$(id -u)
+(umask 077 && mkdir -p "$cache" 2>/dev/null)
 [[ -d $cache && -O $cache && ! -L $cache ]] || cache=$(mktemp -d) ||
     fail "$HOSTNAME has no room for compiled kernels"
 export NUMBA_CACHE_DIR=$cache
@@ -86,4 +88,4 @@ if [[ $code -eq 75 || ($code -eq 143 && $warned -eq 1) ]]; then
     scontrol requeue "$task" || fail "task $task could not be put into the queue again" 75
     exit 0
 fi
-exit "$code"
+@CHECK@exit "$code"

@@ -18,6 +18,7 @@ from editing import edited
 import rattlesweep as rs
 from rattlesweep.analysis.report import config_yaml, make_report
 from rattlesweep.config.read import parse_config, physics_hash, read_yaml
+from rattlesweep.system.pages import fingerprint
 
 EVIL = "<script>alert(1)&lt;"
 STEADY: dict[str, Any] = {
@@ -129,11 +130,61 @@ def test_the_page_needs_nothing_else_and_runs_nothing(pages):
     assert Page(pages["map"]).title == EVIL
     for data in pages.values():
         assert len(data) < 5e6
+        # Its only script is that which sorts the table of cases.
+        (script,) = re.findall(r"<script>(.*?)</script>", data.decode(), re.DOTALL)
+        assert f"script-src '{fingerprint(script)}'" in data.decode()
         for tag, attrs in Page(data).tags:
-            assert tag not in {"script", "iframe", "object", "link"}
+            assert tag not in {"iframe", "object", "link"}
             for key in {"src", "href", "srcset", "action"} & attrs.keys():
                 assert str(attrs[key]).startswith(("data:", "#")), (tag, attrs)
         assert not re.search(rb"@import|url\(", data)
+
+
+@needs_browser
+def test_the_table_of_cases_is_sorted_by_a_click(pages, chromium, tmp_path):
+    path = tmp_path / "page.html"
+    path.write_bytes(pages["steady"])
+    with window(chromium, 1400, 900) as opened:
+        opened.page.goto(path.resolve().as_uri())
+        head = opened.page.locator("table.sorts th", has_text="t_r_mean").first
+        place = head.evaluate("head => head.cellIndex")
+        cells = f"[...document.querySelectorAll('.sorts td:nth-child({place + 1})')]"
+        orders = []
+        for _ in range(2):
+            head.locator("button").click()
+            texts = opened.run(f"{cells}.map((cell) => cell.textContent)")
+            numbers = [float(text.replace(",", "")) for text in texts if text != "–"]
+            # What has no value stays at the end.
+            assert "–" not in texts[: len(numbers)]
+            orders.append(numbers)
+        assert orders[0] == sorted(orders[0])
+        assert orders[1] == sorted(orders[0], reverse=True)
+        assert head.get_attribute("aria-sort") == "descending"
+        assert opened.console == []
+
+
+def test_short_lengths_are_in_um(tmp_path):
+    sweep = rs.sweep(
+        {
+            "name": "levers",
+            "model": "reduced",
+            "bodies": {
+                "source": "shape",
+                "length": "12 cm",
+                "width": "3 cm",
+                "height": "12 mm",
+                "skew": "3 deg",
+                "mass": "60 g",
+            },
+            "spin": {"n_i": "-60 rpm", "omega_xy0": "6 rpm"},
+            "dissipation": {"pivot": ["0 um", "250 um"]},
+            "horizon": {"t": "1 s"},
+        },
+        output=tmp_path / "out",
+        threads=1,
+    )
+    assert "0.00025" not in Page(make_report(sweep.directory)).text
+    assert "250 um" in Page(make_report(sweep.directory)).text
 
 
 def test_a_sweep_that_is_not_whole(sweeps, tmp_path):

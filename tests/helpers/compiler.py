@@ -55,8 +55,8 @@ class Compiler:
             self._process.stdin.write(json.dumps(orders) + "\n")
             self._process.stdin.flush()
 
-    def wait(self) -> None:
-        """Wait until the orders are done, or the process has died."""
+    def wait(self, timeout: float | None = None) -> None:
+        """Wait until the orders are done, or the process has died, however long."""
         assert self._process is not None
         assert self._process.stdout is not None
         self._process.stdout.readline()

@@ -52,6 +52,7 @@ COMMANDS = {
     "paper",
     "plan",
     "status",
+    "docs",
     "verify",
     "merge",
     "replay",
@@ -74,7 +75,7 @@ COMMANDS = {
 
 
 def test_help_lists_every_command_with_a_whole_sentence():
-    sections = invoke("--help").stdout.split("--help ")[1].split("Documentation:")[0]
+    sections = invoke("--help").stdout.split("--help ")[1].split("To begin with:")[0]
     assert set(re.findall(r"^  (\w+) ", sections, re.MULTILINE)) == COMMANDS
     assert set(cli.main.commands) == COMMANDS
     assert "..." not in sections
@@ -378,12 +379,37 @@ def test_every_config_of_the_clone_is_an_example():
 
 
 def test_helps_name_only_what_a_user_of_the_package_has():
-    """Configs come with a command that writes them, pages with an address."""
+    """Configs and pages come with a command that writes or prints them."""
+    pages = shipped.documentation()
     for name in ("", *COMMANDS):
         told = invoke(*name.split(), "--help").stdout
         configs = set(re.findall(r"configs/(\w+)", told))
         assert configs <= set(re.findall(r"init --example (\w+)", told))
-        assert "docs/" not in told
+        assert not re.search(r"docs/|https?://", told)
+        assert set(re.findall(r"`rattlesweep docs (\w+)`", told)) <= pages.keys()
+
+
+def test_pages_are_printed_without_internet():
+    listed = invoke("docs").stdout
+    assert "tutorial     Tutorial\n" in listed
+    names = [line.split()[0] for line in listed.splitlines()]
+    assert names == sorted(path.stem for path in (ROOT / "docs").glob("*.md"))
+    page = (ROOT / "docs" / "types.md").read_text()
+    assert invoke("docs", "types").stdout.strip() == page.strip()
+    assert_refused(invoke("docs", "type"), 2, 'did you mean "types"?')
+
+
+def test_a_script_can_ask_whether_runs_are_missing(tmp_path):
+    config = tmp_path / "small.yaml"
+    config.write_text(
+        "model: gh\nbodies: {source: sd, samples: 4}\n"
+        "spin: {n_i: -0.3, omega_xy0: 0.1}\n"
+    )
+    out = tmp_path / "out"
+    for shard, missing in ((0, 75), (1, 0)):
+        invoke("run", config, "--output", out, "--shard", f"{shard}/2", "-q")
+        assert invoke("status", out, "--complete").exit_code == missing
+        assert invoke("status", out).exit_code == 0
 
 
 def test_links_of_the_long_description_are_absolute():

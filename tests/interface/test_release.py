@@ -5,6 +5,7 @@ import re
 import tomllib
 from importlib.metadata import version
 
+from ruamel.yaml import YAML
 from sweeping import ROOT
 
 import rattlesweep as rs
@@ -21,6 +22,19 @@ def test_the_version_is_that_of_the_package_everywhere():
     assert archive["license"] == project["license"]
     heading = rf"^## {re.escape(rs.__version__)}(,|$)"
     assert re.search(heading, (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+
+
+def test_the_environment_of_conda_has_what_the_package_needs():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    environment = YAML(typ="safe").load(ROOT / "environment.yml")
+    wanted = {
+        f"python{project['project']['requires-python']}",
+        "pip",
+        *project["build-system"]["requires"],
+        *project["project"]["dependencies"],
+    }
+    listed = {line.replace(" ", "") for line in environment["dependencies"]}
+    assert {line.replace("-base", "") for line in listed} == wanted
 
 
 def test_the_installed_package_has_the_version_of_the_sources():

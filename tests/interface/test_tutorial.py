@@ -81,9 +81,10 @@ def test_from_a_ruler_and_a_scale_to_seconds(
         text = re.sub(r"\b\de-\d\d\b", "1e-09", text)  # of an error, not even one digit
         return re.sub(r"-?\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", text)
 
-    assert execute("own_stone.md") == 4
+    assert execute("own_stone.md") == 2
+    assert execute("friction.md", "rattlesweep contact") == 2
     shown = plain(capsys.readouterr().out)
-    for block in blocks("own_stone.md", "text"):
+    for block in (*blocks("own_stone.md", "text"), *blocks("friction.md", "text")):
         for line in plain(block).splitlines():
             assert line == "..." or line in shown, line
 

@@ -186,6 +186,8 @@ def test_the_command_makes_what_is_asked_for(tmp_path):
 
 
 def test_the_command_refuses_in_one_sentence(tmp_path):
+    wrong = invoke("paper", "--set", "spin.n_i=0.1", "--output", tmp_path / "o")
+    assert_refused(wrong, 2, "--set spin.n_i=0.1: the figures have the launches of the")
     wrong = invoke("paper", "--only", "fgi7", "--output", tmp_path / "o")
     assert_refused(wrong, 2, '"fgi7" is not one of', 'did you mean "fig7"')
     assert not (tmp_path / "o").exists()

@@ -329,6 +329,6 @@ def test_body_prints_both_systems():
         "unit": "s",
     }
     assert data["si"]["c"] == {"value": pytest.approx(0.02), "unit": "m"}
-    # Over M a^2 sqrt(g/a), as in docs/dynamics.md.
+    # Over M a^2 sqrt(g/a), as in docs/friction.md.
     assert data["sigma"] == pytest.approx(1e-4 / (1e-4 * math.sqrt(981)), rel=1e-14)
     assert "si" not in json.loads(invoke("body", "--preset", "GH", "--json").stdout)

@@ -209,6 +209,27 @@ def test_program_gets_its_shard_threads_and_time(home, cluster):
     assert f"{home}/out-1\n" in cluster.run(cluster.stub(text, 'echo "$4"\n'), 1)[1]
 
 
+def test_the_last_task_to_end_checks_the_sweep_in_the_folder_of_kernels_given(
+    home, cluster
+):
+    missing = """case $1 in
+run) env | grep NUMBA_CACHE ;;
+status) exit 75 ;;
+*) echo "and $*" ;;
+esac
+"""
+    given = {"NUMBA_CACHE_DIR": str(cluster.place / "ours" / "kernels")}
+    code, log = cluster.run(cluster.stub(script(home), missing), **given)
+    assert (code, "and verify" in log) == (0, False)
+    assert f"NUMBA_CACHE_DIR={given['NUMBA_CACHE_DIR']}\n" in log
+    last = missing.replace("exit 75", "exit 3").replace('"and $*"', '"and $*"; exit 1')
+    code, log = cluster.run(cluster.stub(script(home), last))
+    assert (code, f"and verify {home}/out --complete" in log) == (1, True)
+    # Shards in directories of their own are checked when they are merged.
+    code, log = cluster.run(cluster.stub(script(home, own=True), last))
+    assert (code, "and verify" in log) == (0, False)
+
+
 def test_exit_codes_pass_on_and_what_ran_out_of_time_is_queued_again(home, cluster):
     text = script(home)
     for code in (0, 1, 3, 143):

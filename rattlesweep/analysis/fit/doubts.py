@@ -397,11 +397,15 @@ def doubts_of_errors(chi_squared: float, freedom: int) -> list[str]:
 
 
 def doubts_of_parameters(
-    problem: FitProblem, x: Floats, half_width: Floats, jacobian: Floats
+    problem: FitProblem,
+    x: Floats,
+    half_width: Floats,
+    jacobian: Floats,
+    push: str | None = None,
 ) -> list[str]:
     """Return the remark on the parameters that the data hardly determine, if any.
 
-    The arguments are those of :func:`untold`.
+    The arguments are those of :func:`untold`, and a `push` that is advised.
     """
     alike, vague = untold(problem, x, half_width, jacobian)
     told = []
@@ -415,7 +419,8 @@ def doubts_of_parameters(
         # Without a push that shows, nothing else of the stone does.
         return [
             f"the data hardly show an oscillation, and {', and '.join(told)}: give "
-            "the push with an error, as in omega_xy0: 8 +- 2 rpm, or film longer"
+            f"the push with an error, as in omega_xy0: {push or '8 +- 2 rpm'}, or film "
+            "longer"
         ]
     return [
         f"the data {', and '.join(told)}: measure what you can otherwise and give it "

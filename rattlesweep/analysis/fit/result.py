@@ -55,9 +55,11 @@ class Fit:
     Angles are in radians, sizes such as `length` and `mass` in m and kg, and `psi_deg`
     is in degrees; `in_si` has degrees, rpm, mm, g and SI units.  `intervals` are 95 %
     intervals, of quantities in SI units where the size of the body is fitted, too.
-    `launch` holds launch and dissipation as arguments of ``rs.trajectory``; `noise` is
-    the standard deviation of a residual, in `noise_unit`; `remarks` name what the data
-    cannot determine or the model not describe.
+    An interval is NaN where any value fits.  `launch` holds launch and dissipation as
+    arguments of ``rs.trajectory``; `noise` is the standard deviation of a residual, in
+    `noise_unit`; `remarks` name what the data cannot determine or the model not
+    describe.  Where they hardly tell the push, `advised` is the fit with the `push`
+    that the remark advises, and None elsewhere.
 
     A fit prints as the table of the command, and is a table in a notebook.
     """
@@ -70,6 +72,8 @@ class Fit:
     noise_unit: str
     rows: int
     remarks: list[str]
+    advised: Fit | None
+    push: str | None
     _estimate: Estimate = field(repr=False)
     _expected: Floats = field(repr=False)
 
@@ -209,12 +213,12 @@ def report_of(fit: Fit) -> str:
     for name, value in fit.values.items():
         parameter = FITTABLE[name]
         line = [name]
-        line += [f"{number:.6g}" for number in (value, *fit.intervals[name])]
+        line += [_told(number, ".6g") for number in (value, *fit.intervals[name])]
         line.append(parameter.unit)
         if name in fit.in_si:
             *numbers, unit = fit.in_si[name]
             factor, unit = readable_unit(numbers[0], unit)
-            line += [f"{factor * number:.5g}" for number in numbers]
+            line += [_told(factor * number, ".5g") for number in numbers]
             line.append(unit)
         else:
             line += [""] * 4
@@ -233,6 +237,29 @@ def report_of(fit: Fit) -> str:
         lines_of_pairs = fill(f"correlations: {listed}", 100, subsequent_indent="  ")
         report += "\n" + lines_of_pairs.replace("\xa0", " ")
     return report
+
+
+def _told(number: float, form: str) -> str:
+    """Return a number, or a dash where there is none."""
+    if math.isnan(number):
+        return "-"
+    return f"{number:{form}}"
+
+
+def advice_of(fit: Fit) -> str | None:
+    """Return a line with the fit that follows the advice on the push."""
+    if fit.advised is None:
+        return None
+    parts = []
+    for name in fit.advised.values:
+        size, unit = fit.advised.unit_of(name)
+        low, high = fit.advised.intervals[name]
+        factor, unit = readable_unit(size * fit.advised.values[name], unit)
+        part = f"{name} {factor * size * low:.4g} to {factor * size * high:.4g}"
+        if unit != "1":
+            part += f" {unit}"
+        parts.append(part)
+    return f"with omega_xy0: {fit.push}, the intervals are {', '.join(parts)}"
 
 
 def summary_of(fit: Fit) -> str:
@@ -269,4 +296,8 @@ def html_of(fit: Fit) -> str:
 
 def lines_below(fit: Fit) -> list[str]:
     """Return the lines below the table: noise and warnings."""
-    return [summary_of(fit), *(f"warning: {remark}" for remark in fit.remarks)]
+    lines = [summary_of(fit), *(f"warning: {remark}" for remark in fit.remarks)]
+    advice = advice_of(fit)
+    if advice is not None:
+        lines.append(advice)
+    return lines

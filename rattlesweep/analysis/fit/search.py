@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from itertools import product
+from itertools import count, product
 from types import MappingProxyType
 from typing import Any
 
@@ -25,12 +26,13 @@ from rattlesweep.analysis.fit.film import Film
 from rattlesweep.analysis.fit.measured import MeasuredBody, Prior, of_body
 from rattlesweep.analysis.fit.problem import FITTABLE, SIZES, FitProblem
 from rattlesweep.analysis.fit.profile import interval_of
-from rattlesweep.analysis.fit.result import Fit, in_words
+from rattlesweep.analysis.fit.result import Fit, in_words, unit_for_people
 from rattlesweep.analysis.fit.scan import searches_of_times
 from rattlesweep.analysis.fit.series import FILM_STEPS, searches_of_series
 from rattlesweep.analysis.fit.starts import first_values, given, scales_of, spans
 from rattlesweep.arrays import Floats
 from rattlesweep.design.single import Launch
+from rattlesweep.physics.si import Units
 from rattlesweep.system.console import counted
 from rattlesweep.words.errors import ConfigError, not_one_of
 from rattlesweep.words.quantities import ACTING, DRIVES, LOSSES
@@ -45,7 +47,9 @@ BENT = 2.5  # factor by which chi squared rises more or less than a parabola
 FLAT_VALLEY = 3.0
 # Half widths of intervals beyond which a valley along a flat direction is another one.
 FAR_VALLEY = 10.0
-USUAL_STEPS = 60  # of all searches of a fit
+# A push that the data hardly tell, as a share of the spin, and its standard error: most
+# hands push less than a fifth of the spin.
+USUAL_PUSH = Prior(0.1, 0.05)
 
 
 def check_free(
@@ -84,15 +88,15 @@ def fit_run(
     launch: Launch,
     film: Film,
     free: list[str],
-    report: Callable[[float], None] = lambda fraction: None,
+    report: Callable[[int], None] = lambda runs: None,
     stone: MeasuredBody | None = None,
     priors: Mapping[str, Prior] = MappingProxyType({}),
     robust: bool = False,
 ) -> Fit:
     """Fit parameters to the beginning of the data first, and then to all of them.
 
-    `report` is called with the fraction of the work that is done, at most.  `stone` is
-    the body of the launch if it can be remade, and `priors` are those of all parameters
+    `report` is called with the number of runs that have been tried.  `stone` is the
+    body of the launch if it can be remade, and `priors` are those of all parameters
     that have one, in the units of this body.  A `robust` fit leaves out rows that are
     far off all others.
     """
@@ -101,10 +105,15 @@ def fit_run(
     if film.kind == "reversal":
         t_end *= _LONGER
     launch = replace(launch, t_end=t_end)
-    progress = SearchProgress(report, len(free))
+    trials = count(1)
     # The number of values is checked before any of them is used.
     problem = FitProblem(
-        launch, film, dict.fromkeys(free, 1.0), progress.trial, stone, priors
+        launch,
+        film,
+        dict.fromkeys(free, 1.0),
+        lambda: report(next(trials)),
+        stone,
+        priors,
     )
     if problem.freedom < int(film.error is None):
         values = counted(int(film.known.sum()), "value")
@@ -263,21 +272,6 @@ def _doubts_of_valley(
     return remarks
 
 
-class SearchProgress:
-    """Share of the work that is done, which only grows, as its end is not known."""
-
-    def __init__(self, report: Callable[[float], None], free: int) -> None:
-        self._report = report
-        # A step takes the residuals, and the slope of each parameter.
-        self._usual = USUAL_STEPS * (1 + 2 * free)
-        self._trials = 0
-
-    def trial(self) -> None:
-        """Count a trial run."""
-        self._trials += 1
-        self._report(self._trials / (self._trials + self._usual))
-
-
 def _best_search(
     problem: FitProblem, firsts: dict[str, list[float]]
 ) -> tuple[Searched, list[Searched]]:
@@ -316,14 +310,27 @@ def _result(
     low = estimate.values(np.clip(best.x - half_width, *limits))
     high = estimate.values(np.clip(best.x + half_width, *limits))
     alike, vague = doubts.untold(problem, best.x, half_width, estimate.jacobian)
+    push = None
     if "omega_xy0" in (*alike, *vague) and follows and not is_planned:
         # Its logarithm is fitted, and a parabola of it ends anywhere.
         low["omega_xy0"], high["omega_xy0"] = interval_of(estimate, "omega_xy0")
+        push = advised_push(estimate)
+        spin = abs(estimate.values(best.x).get("n_i", problem.launch.n_i or math.inf))
+        if high["omega_xy0"] > spin:
+            # Any push fits, which is no interval.
+            low["omega_xy0"] = high["omega_xy0"] = math.nan
+    advised = None
+    if push is not None:
+        advised = _with_push(estimate, push)
     if follows:
         remarks = [
             *remarks,
             *doubts.doubts_of_parameters(
-                problem, best.x, half_width, estimate.jacobian
+                problem,
+                best.x,
+                half_width,
+                estimate.jacobian,
+                _push_text(push, estimate.units),
             ),
             *doubts.doubts_of_priors(problem, best.residuals[problem.rows :]),
         ]
@@ -361,6 +368,39 @@ def _result(
         noise_unit=unit.name,
         rows=problem.rows,
         remarks=remarks,
+        advised=advised,
+        push=_push_text(push, estimate.units),
         _estimate=estimate,
         _expected=problem.expected(best.x),
     )
+
+
+def advised_push(estimate: Estimate) -> Prior | None:
+    """Return the push that is advised where the data hardly tell it, with its error.
+
+    It is in the units of the problem; None if it is given, or if there is no spin to
+    compare with.
+    """
+    problem = estimate.problem
+    spin = abs(problem.values(estimate.x).get("n_i", problem.launch.n_i or 0.0))
+    if not spin or "omega_xy0" in problem.priors:
+        return None
+    return Prior(USUAL_PUSH.value * spin, USUAL_PUSH.error * spin)
+
+
+def _push_text(push: Prior | None, units: Units | None) -> str | None:
+    """Return a push with its error as a stone file has it."""
+    if push is None:
+        return None
+    size, unit = unit_for_people("omega_xy0", units)
+    return f"{size * push.value:.2g} +- {size * push.error:.2g} {unit}"
+
+
+def _with_push(estimate: Estimate, push: Prior) -> Fit:
+    """Return the fit that the data give with a push that is known with an error."""
+    problem = estimate.problem
+    told = replace(problem, priors={**problem.priors, "omega_xy0": push})
+    x = estimate.x.copy()
+    x[list(problem.scales).index("omega_xy0")] = math.log(push.value)
+    search = polish(told, minimise(told, x, 1e-8, FILM_STEPS))
+    return _result(settle_noise(told, search, FILM_STEPS), [])

@@ -171,9 +171,10 @@ def draw(
     with style.styled():
         figure = style.new_figure(7.2, 1.1 + 1.85 * len(panels))
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        bands = False
         for axis, name in zip(axes, panels, strict=True):
             axis.set_ylabel(style.label(name, units[name]))
-            curve(axis, t, data[name], label=_MODELS[run.model])
+            bands |= curve(axis, t, data[name], label=_MODELS[run.model])
             style.light_grid(axis)
             if CHANNELS[name].conserved:
                 is_kept = run.model in CHANNELS[name].conserved and not run.losses
@@ -219,6 +220,8 @@ def draw(
         axes[-1].set(xlim=(t[0], t[-1]), xlabel=style.label("t", units["t"]))
         figure.align_ylabels(axes)
         figure.suptitle(run.title.replace("; ", "\n"), fontsize=9)
+        if bands:
+            style.add_caption(figure, [style.BAND])
         return shown(figure, path)
 
 

@@ -260,6 +260,8 @@ class Picture(ABC):
         with style.sized(size):
             figure = self._drawn(title, log, caption, size, xlim, ylim, labels)
             style.separate_ticks(figure)
+        if size is not None:
+            style.check_panels(figure, size)
         return figure
 
     def _drawn(

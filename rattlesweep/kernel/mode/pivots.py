@@ -72,7 +72,7 @@ SMALLEST_SPIN = 1e-7
 # of spin and speed.  At the least its torque is 1e-6 below the one without sliding.
 SMALLEST_LOG_SLIP = -7.0
 LARGEST_LOG_SLIP = 300.0
-HALVINGS = 60
+HALVINGS_OF_RATIO = 60
 # By what share of itself a spin that follows the speed to rest may miss it in the last
 # step.
 FOLLOWING = 0.1
@@ -230,7 +230,7 @@ def spin_at_begin(lane):
     unit = LEAST_CREEP * (3.0 * pi / 16.0) / (lever_of(lane) + TINY)
     low = SMALLEST_LOG_SLIP
     high = LARGEST_LOG_SLIP
-    for _ in range(HALVINGS):
+    for _ in range(HALVINGS_OF_RATIO):
         middle = 0.5 * (low + high)
         if sense * lag_of_spin(lane, sense * unit * exp(-middle)) > 0.0:
             high = middle
