@@ -53,8 +53,12 @@ def minimise(
     steps: int,
     free: Sequence[int] | None = None,
     softened: float | None = None,
+    again: int = 0,
 ) -> Searched:
     """Minimise the sum of squares from ``x`` on, by all parameters or the `free` ones.
+
+    A search that has not settled after a number of `steps` begins `again` so many times
+    where it has come to: along a narrow valley its corrected Jacobian becomes rough.
 
     The Jacobian of the search has columns for the free parameters alone.  Residuals
     that are larger than `softened` count by their size and not by its square (SciPy's
@@ -83,7 +87,10 @@ def minimise(
     # SciPy's Jacobian is of the type of `slopes`.
     jacobian = np.asarray(result.jac)
     best = slopes.whole(result.x)
-    return Searched(best, result.fun, jacobian, settled=result.status != 0)
+    settled = result.status != 0
+    if again and not settled:
+        return minimise(problem, best, accuracy, steps, free, softened, again - 1)
+    return Searched(best, result.fun, jacobian, settled)
 
 
 class _Slopes:

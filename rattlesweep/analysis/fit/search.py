@@ -146,7 +146,7 @@ def fit_run(
         if not rises[lowest] < LOWER:
             break
         # The valley goes on beyond the interval, or another one is lower.
-        again = minimise(problem, ends[lowest], 1e-8, FILM_STEPS)
+        again = minimise(problem, ends[lowest], 1e-8, FILM_STEPS, again=2)
         if not again.squares < best.squares:
             break
         best = polish(problem, again)
@@ -338,9 +338,7 @@ def _result(
     if film.error is not None and follows and not is_planned:
         remarks += doubts.doubts_of_errors(best.squares, problem.freedom)
     if not best.settled and follows:
-        remarks.append(
-            f"the search did not settle within {FILM_STEPS} steps; give a better launch"
-        )
+        remarks.append("the search did not settle; give a better launch")
     final = problem.launched(best.x)
     launch: dict[str, Any] = {}
     for name in ("n_i", "omega_xy0", "psi", "omega", "u"):

@@ -53,7 +53,7 @@ def searches_of_series(problem: FitProblem, starts: list[Floats]) -> Iterator[Se
         for x in _beginnings(problem, starts[place]):
             if not problem.succeeds(x):
                 continue
-            search = minimise(problem, x, 1e-8, FILM_STEPS)
+            search = minimise(problem, x, 1e-8, FILM_STEPS, again=2)
             yield search
             if looks_like_noise(problem, search):
                 yield from _neighbours(problem, search, starts[place])
