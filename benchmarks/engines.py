@@ -186,6 +186,17 @@ def ladder(case: dict, engine: str, steps: Sequence[float]) -> None:
         )
 
 
+def is_installed(name: str) -> bool:
+    """Print the versions of an engine's packages, or how to install them."""
+    try:
+        adapter = import_module(f"{HERE}.{name}")
+    except ImportError:
+        print(f"{name} | not installed: pip install {ENGINES[name].installs}")
+        return False
+    print(*(f"{each} {version(each)}" for each in adapter.PACKAGES), sep=", ")
+    return True
+
+
 def climb(names: Sequence[str], cases: Sequence[dict], steps: Sequence[float]) -> None:
     """Print the ladders of engines; those that are not installed are named."""
     print(
@@ -193,12 +204,8 @@ def climb(names: Sequence[str], cases: Sequence[dict], steps: Sequence[float]) -
         "slip, mm/s | gap, um | CPU, s"
     )
     for name in names:
-        try:
-            adapter = import_module(f"{HERE}.{name}")
-        except ImportError:
-            print(f"{name} | not installed: pip install {ENGINES[name].installs}")
+        if not is_installed(name):
             continue
-        print(*(f"{each} {version(each)}" for each in adapter.PACKAGES), sep=", ")
         for case in cases:
             ladder(case, name, steps)
 

@@ -13,10 +13,10 @@ import argparse
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
+from engines import is_installed
 from machine import ROOT, heading
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
@@ -154,12 +154,8 @@ def main() -> None:
     print(heading())
     print("engine | scene | step, ms | number | right | tolerance | with the fault")
     for name in options.engine:
-        try:
-            adapter = import_module(f"{HERE}.{name}")
-        except ImportError:
-            print(f"{name} | not installed: pip install {ENGINES[name].installs}")
+        if not is_installed(name):
             continue
-        print(*(f"{each} {version(each)}" for each in adapter.PACKAGES), sep=", ")
         for label in options.scenes:
             scene = scenes()[label]
             if not suits(name, scene):

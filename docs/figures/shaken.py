@@ -13,16 +13,14 @@ from matplotlib.axes import Axes
 
 import rattlesweep as rs
 from rattlesweep.physics.driven import driven_spin, growth_of_drive
+from rattlesweep.physics.theory import inertia_along
 
 GH = rs.Rattleback.gh()
 MODES = rs.modes(GH)
 OMEGA = {"pitch": float(MODES.omega_p), "roll": float(MODES.omega_r)}
 K = {"pitch": float(MODES.K_p), "roll": -float(MODES.K_r)}
 PSI = {"pitch": float(MODES.psi_p), "roll": float(MODES.psi_r)}
-J = {
-    mode: GH.alpha * np.cos(psi) ** 2 + GH.beta * np.sin(psi) ** 2
-    for mode, psi in PSI.items()
-}
+J = {mode: float(inertia_along(GH.alpha, GH.beta, psi)) for mode, psi in PSI.items()}
 SIGMA = 0.01
 COLOURS = {0.01: "#9bb7d4", 0.02: "#5b8db8", 0.05: "#1f5f8b", 0.1: "#c0392b"}
 TAP = {"n_i": 0, "omega_xy0": 1e-5, "sigma": SIGMA}

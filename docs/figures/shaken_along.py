@@ -10,20 +10,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from shaken import GH, OMEGA, PSI, SIGMA, J, K
 
 import rattlesweep as rs
 from rattlesweep.physics.driven import growth_of_push, spin_of_push
 
-GH = rs.Rattleback.gh()
-MODES = rs.modes(GH)
-OMEGA = {"pitch": float(MODES.omega_p), "roll": float(MODES.omega_r)}
-K = {"pitch": float(MODES.K_p), "roll": -float(MODES.K_r)}
-PSI = {"pitch": float(MODES.psi_p), "roll": float(MODES.psi_r)}
-J = {
-    mode: GH.alpha * np.cos(psi) ** 2 + GH.beta * np.sin(psi) ** 2
-    for mode, psi in PSI.items()
-}
-SIGMA = 0.01
 COLOURS = {0.005: "#9bb7d4", 0.02: "#1f5f8b", 0.05: "#c0392b"}
 TAP = {"n_i": 0, "omega_xy0": 1e-3, "psi": 45}
 # At this spin the roll begins to grow.

@@ -307,7 +307,7 @@ def _of_base_along(
     acceleration = drive["base_acceleration"]
     omega = np.array([m.omega_p, m.omega_r], float)
     psi = np.array([m.psi_p, m.psi_r], float)
-    inertia = b.alpha * np.cos(psi) ** 2 + b.beta * np.sin(psi) ** 2
+    inertia = theory.inertia_along(b.alpha, b.beta, psi)
     coefficients = np.array([m.K_p, -np.asarray(m.K_r)], float)
     of_mode = inertia, damping, coefficients
     spins = spin_of_push(omega, frequency, acceleration, *of_mode)

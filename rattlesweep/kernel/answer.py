@@ -68,15 +68,13 @@ def jump(lane):
 def begin_run(lane):
     """Begin the run of which the loop has set the launch and the plan."""
     model = lane.problem.model
-    bound = lane.rate_max
-    lane.problem.modes.prepare(lane, bound)
+    lane.problem.modes.prepare(lane)
     n, rate = derive(lane)
-    lane.rate_max = bound
     lane.n_launch = lane.n0 = lane.window_n_min = lane.window_n_max = n
     lane.rate0 = rate
     lane.sign = lane.side = 1.0 if n > 0.0 else -1.0
     if lane.arm > 0.0:
-        lane.arm_rate = lane.far_rate = bound
+        lane.arm_rate = lane.far_rate = lane.rate_max
         lane.rate_max = UNKNOWN_RATE
         lane.side = 0.0
     lane.n_least = abs(n)

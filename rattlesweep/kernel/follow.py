@@ -37,7 +37,6 @@ from rattlesweep.kernel.state.fields import (
 from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.kernel.state.status import Status
 from rattlesweep.kernel.state.statuses import OK
-from rattlesweep.kernel.state.traits import Traits, traits_of
 from rattlesweep.motion import rotations
 from rattlesweep.motion.chart import ANYWHERE
 from rattlesweep.motion.model import Model, find_model
@@ -401,7 +400,7 @@ class Follower:
         )
         self._run = (
             recipes.problem_of(None),
-            self._traits(model, rimmed=rimmed),
+            recipes.traits_for(tableau, model, rimmed=rimmed),
             self._parts[0],
             recipes.workspace(tableau, model, 1)[0],
             batches.inputs_of(
@@ -528,7 +527,7 @@ class Follower:
         constants = np.append(self._batch.constants[0], self.swing)
         self._after(
             recipes.problem_of(None),
-            self._traits(model),
+            recipes.traits_for(self._tableau, model),
             self._batch.y0.shape[1],
             self._parts[place],
             recipes.workspace(self._tableau, model, 1)[0],
@@ -540,11 +539,6 @@ class Follower:
             out,
         )
         return out[:, : model.n_state], out[:, model.n_state :]
-
-    def _traits(self, model: Model, *, rimmed: bool = False) -> Traits:
-        """Return the traits of a model with the method of the run."""
-        problem = recipes.problem_of(model, rimmed=rimmed)
-        return traits_of(problem, model, adaptive=self._tableau.adaptive)
 
     def _moves(self, which: Integers, offset: Floats) -> Floats:
         """Return the changes of heading and contact point since rows of the table."""

@@ -22,7 +22,7 @@ from rattlesweep.kernel.runs import Inputs, Outputs, Recording
 from rattlesweep.kernel.state.fields import LANES
 from rattlesweep.kernel.state.lane import Problem
 from rattlesweep.kernel.state.statuses import OK
-from rattlesweep.kernel.state.traits import traits_of
+from rattlesweep.kernel.state.traits import Traits, traits_of
 from rattlesweep.kernel.step import slots
 from rattlesweep.kernel.step.explicit import OPTIONS, write_attempt
 from rattlesweep.kernel.step.implicit import write_implicit
@@ -55,6 +55,12 @@ def problem_of(
     carried = tangents_of(model)
     block = block_of(model) if model.slide is not None else None
     return Problem(model, width, ways, carried, rimmed, block)
+
+
+def traits_for(tableau: Tableau, model: Model, *, rimmed: bool = False) -> Traits:
+    """Return what the loop needs to know of a method and a model."""
+    problem = problem_of(model, rimmed=rimmed)
+    return traits_of(problem, model, adaptive=tableau.adaptive)
 
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
@@ -176,9 +182,7 @@ def parts_of(
     # Steps integrate the rate of phase volume as well if it is recorded.
     extra = ("volume",) if "volume" in record else ()
     rim = ("rimmed",) if rimmed else ()
-    traits = traits_of(
-        problem_of(model, rimmed=rimmed), model, adaptive=tableau.adaptive
-    )
+    traits = traits_for(tableau, model, rimmed=rimmed)
     parts: list[Order | None] = [None] * N_PARTS
     parts[turn.ATTEMPT] = attempt_recipe, tableau.name, model.name, *extra
     parts[turn.CLOSER] = (closer_recipe,)
@@ -250,9 +254,7 @@ def threaded_kernel(
     working = loaded[orders[0]]
     parts = addresses(called, loaded)
     driving = loaded[orders[-1]]
-    traits = traits_of(
-        problem_of(model, rimmed=rimmed), model, adaptive=tableau.adaptive
-    )
+    traits = traits_for(tableau, model, rimmed=rimmed)
 
     def call(threads: int, shared: tuple[object, ...]) -> None:
         w = workspace(tableau, model, threads)

@@ -415,16 +415,22 @@ def start(problem, traits, w, l, run, inputs):
 
 
 @njit(**INNER)
+def hold_values(lane):
+    """Let what is known of the end of a step be what is known of its start."""
+    lane.n1 = lane.n0
+    lane.rate1 = lane.rate0
+    lane.amplitude = lane.a_max
+    lane.root = lane.root0
+
+
+@njit(**INNER)
 def hold_back(problem, traits, w, l):
     """Copy the start of a step that is not taken to its end."""
     lane = lane_of(problem, w, l)
     for k in range(traits.n_end):
         start = (problem.first + k) * problem.lanes + l
         w[start + traits.n_end * problem.lanes] = w[start]
-    lane.n1 = lane.n0
-    lane.rate1 = lane.rate0
-    lane.amplitude = lane.a_max
-    lane.root = lane.root0
+    hold_values(lane)
     if traits.slides:
         lane.slip1 = lane.slip
 

@@ -42,7 +42,7 @@ from rattlesweep.kernel.event.zeros import (
     may_reverse,
 )
 from rattlesweep.kernel.look import late
-from rattlesweep.kernel.mode import pivots, slides
+from rattlesweep.kernel.mode import modes
 from rattlesweep.kernel.runs import recorded
 from rattlesweep.kernel.state.fields import HELD, NEVER, PEAK, PIVOTING, STEP, Point
 from rattlesweep.kernel.state.lane import lane_of
@@ -517,11 +517,7 @@ def end_run(problem, traits, parts, w, l, status, reversal, t, outputs, recordin
     if recorded(casimir):
         is_sound = status in (OK, AT_LIMIT, RIM)
         call(parts[NOTE], (w, l, False, is_sound, True, casimir))
-    result = outputs.results[run]
-    if traits.slides:
-        slides.store(lane, t, result)
-    if traits.pivots:
-        pivots.store(lane, t, result)
+    modes.store_results(traits, lane, t, outputs.results[run])
 
 
 @njit(**INNER)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from rattlesweep.arrays import Floats
-from rattlesweep.physics.theory import Modes
+from rattlesweep.physics.theory import Modes, inertia_along
 
 _STEEPEST = 1e3  # slope up to which a body is tilted to find its turning point
 
@@ -55,7 +55,7 @@ def mode_energy(
     p, q = slope
     rate_x, rate_y = rate
     x, y = alpha * np.cos(psi), beta * np.sin(psi)
-    inertia = alpha * np.cos(psi) ** 2 + beta * np.sin(psi) ** 2
+    inertia = inertia_along(alpha, beta, psi)
     speed = x * rate_x + y * rate_y
     tilt = x * q - y * p
     energy: Floats = 0.5 * (speed**2 + (frequency * tilt) ** 2) / inertia

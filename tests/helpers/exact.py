@@ -2,6 +2,7 @@
 
 from types import CellType, FunctionType, ModuleType, SimpleNamespace
 
+import numpy as np
 from mpmath import mp
 
 
@@ -34,3 +35,14 @@ def exactly(function, sqrt=mp.sqrt, **others):
         argdefs=formula.__defaults__,
         closure=closure or None,
     )
+
+
+def followed(rhs, state, constants, h, steps):
+    """Return the state after steps of the classical Runge-Kutta method."""
+    for _ in range(steps):
+        one = np.array(rhs(tuple(state), constants))
+        two = np.array(rhs(tuple(state + 0.5 * h * one), constants))
+        three = np.array(rhs(tuple(state + 0.5 * h * two), constants))
+        four = np.array(rhs(tuple(state + h * three), constants))
+        state = state + h / 6 * (one + 2 * two + 2 * three + four)
+    return state

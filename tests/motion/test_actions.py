@@ -6,7 +6,7 @@ from math import cos, sqrt
 import kernels
 import numpy as np
 import pytest
-from exact import exactly
+from exact import exactly, followed
 
 from rattlesweep.kernel.batch import by_own_model, with_model
 from rattlesweep.motion.action import (
@@ -137,13 +137,7 @@ def test_energy_minus_the_work_of_a_drag_and_of_a_plane_that_shakes(chart):
     place = (0.05, 0.02) if chart is SLOPES else (-0.05, -0.02, -1.0)
     y = np.array([*place, 0.03, 0.04, -0.3, 0.0, 0.0, 0.0, 0.3])
     before = energy(tuple(y), q)
-    h = 0.005
-    for _ in range(800):
-        one = np.array(rhs(tuple(y), q))
-        two = np.array(rhs(tuple(y + 0.5 * h * one), q))
-        three = np.array(rhs(tuple(y + 0.5 * h * two), q))
-        four = np.array(rhs(tuple(y + h * three), q))
-        y = y + h / 6 * (one + 2 * two + 2 * three + four)
+    y = followed(rhs, y, q, 0.005, 800)
     assert energy(tuple(y), q) == pytest.approx(before, rel=1e-8)
     total, pivoted, plane, phase = y[len(chart.place) :]
     assert total < pivoted < 0

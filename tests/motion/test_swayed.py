@@ -10,7 +10,7 @@ import pytest
 import shaken_oracle
 import stone_oracle
 import sweeping
-from exact import exactly
+from exact import exactly, followed
 from numpy.testing import assert_allclose, assert_array_equal
 from shaken_oracle import Shaken
 
@@ -148,13 +148,7 @@ def test_energy_minus_work_is_conserved_under_every_law(name):
     constants = tuple(q[0])
     state = y[0]
     before = energy(tuple(state), constants)
-    h = 0.005
-    for _ in range(200):
-        one = np.array(rhs(tuple(state), constants))
-        two = np.array(rhs(tuple(state + 0.5 * h * one), constants))
-        three = np.array(rhs(tuple(state + 0.5 * h * two), constants))
-        four = np.array(rhs(tuple(state + h * three), constants))
-        state = state + h / 6 * (one + 2 * two + 2 * three + four)
+    state = followed(rhs, state, constants, 0.005, 200)
     assert energy(tuple(state), constants) == pytest.approx(before, rel=1e-8)
     assert abs(state[model.column("base work")]) > 1e-3
     e = state[[model.column(f"base_{axis}") for axis in "xyz"]]

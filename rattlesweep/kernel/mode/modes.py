@@ -61,6 +61,15 @@ from rattlesweep.physics.full import FASTMATH, scalar
 RESULT = np.dtype([*runs.RESULTS, *slides.RESULTS, *pivots.RESULTS], align=True)
 
 
+@njit(**INNER)
+def store_results(traits, lane, t, result):
+    """Store the results of modes in a run that ends at the time ``t``."""
+    if traits.slides:
+        slides.store(lane, t, result)
+    if traits.pivots:
+        pivots.store(lane, t, result)
+
+
 # A body that rolls whatever the force.
 
 

@@ -429,12 +429,11 @@ def preparing(base_prepare: Callable[..., None]) -> Callable[..., None]:
     """Return `ModeSet.prepare` of a model with the torque, from that without it."""
 
     @njit(**INNER)
-    def prepare(lane, rate):
-        base_prepare(lane, rate)
+    def prepare(lane):
+        base_prepare(lane)
         lane.t_held = -1.0
         lane.left_zero = -1.0
         lane.pulled = 0.0
-        lane.rate_max = rate
         settle(lane, lane.y, lane.problem.model.spin(lane.y), 0.0)
 
     return prepare

@@ -267,7 +267,7 @@ def slide_point(lane, h, y, f):
 
 
 @njit(**INNER)
-def prepare(lane, rate):
+def prepare(lane):
     """Note that the body has not slid."""
     lane.t_slide = -1.0
 

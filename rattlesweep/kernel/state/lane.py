@@ -94,8 +94,7 @@ class ModeSet:
     # decide(problem, w, due): decide on lanes that slide or wait; return which are due
     decide: Callable[..., int]
     change: Callable[..., tuple[int, int]]
-    # prepare(lane, rate): set what the equations need of a launch, of which `rate`
-    # bounds the rate of the spin
+    # prepare(lane): set what the equations need of a launch
     prepare: Callable[..., None]
     # launch(lane): go over to the mode of the launch, once the run is started
     launch: Callable[..., None]

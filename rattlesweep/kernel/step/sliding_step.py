@@ -13,6 +13,7 @@ from rattlesweep.compiling.intrinsics import (
     moved,
     rough_root,
 )
+from rattlesweep.kernel import runs
 from rattlesweep.kernel.look.inside import (
     both,
     both_of,
@@ -451,10 +452,7 @@ def hold_back(lane):
     """Copy the start of a step that is not taken to its end, with its forces."""
     lane.y1 = lane.y
     lane.f1 = lane.f
-    lane.n1 = lane.n0
-    lane.rate1 = lane.rate0
-    lane.amplitude = lane.a_max
-    lane.root = lane.root0
+    runs.hold_values(lane)
     lane.slip1 = lane.slip
     lane.limit1 = lane.limit0
     lane.ratio1 = lane.ratio0
