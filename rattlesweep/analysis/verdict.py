@@ -178,7 +178,8 @@ def _listed(words: Sequence[str]) -> str:
     *others, last = words
     if not others:
         return last
-    return f"{', '.join(others)} and {last}"
+    comma = "," if any("," in word for word in others) else ""
+    return f"{', '.join(others)}{comma} and {last}"
 
 
 def _range(times: Iterable[float]) -> str:

@@ -16,6 +16,7 @@ from rattlesweep.api.trajectories import (
     Page,
     Trajectory,
     page_of,
+    page_path,
     prepare_stored,
     replay,
 )
@@ -245,8 +246,7 @@ class Sweep:
         """Write one self-contained HTML page, by default DIRECTORY/report.html."""
         from rattlesweep.analysis.report import make_report
 
-        if path is None:
-            path = self.directory / "report.html"
+        path = self.directory / "report.html" if path is None else page_path(path)
         return Page(make_report(self.directory, title)).save(path)
 
     def verify(

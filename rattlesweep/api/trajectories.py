@@ -159,11 +159,9 @@ class Page:
 
     def save(self, path: str | Path) -> Page:
         """Write the page to an .html file, and return it with its path."""
-        from rattlesweep.system.files import as_path, replace_file
+        from rattlesweep.system.files import replace_file
 
-        path = as_path(path, "path")
-        if path.suffix.lower() not in (".html", ".htm"):
-            raise ConfigError(f"path {path}: the name must end in .html or .htm")
+        path = page_path(path)
         replace_file(path, self.content)
         return Page(self.content, path)
 
@@ -171,6 +169,16 @@ class Page:
         # Scripts in this frame have no access to the notebook.
         look = 'sandbox="allow-scripts" style="width: 100%; height: 720px; border: 0"'
         return f'<iframe {look} srcdoc="{html.escape(self.content.decode())}"></iframe>'
+
+
+def page_path(path: str | Path) -> Path:
+    """Return the path of a page, which is refused before the page takes its time."""
+    from rattlesweep.system.files import as_path
+
+    path = as_path(path, "path")
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise ConfigError(f"path {path}: the name must end in .html or .htm")
+    return path
 
 
 def trajectory(
@@ -295,11 +303,11 @@ def page_of(
     from rattlesweep.analysis.onerun.show import course_of_page, make_page, make_scene
 
     check_count("points", points, 2)
+    if path is not None:
+        path = page_path(path)
     course = course_of_page(run, points, one_number("from_time", from_time, run.units))
     page = Page(make_page(make_scene(course), str(title or "Rattleback"), run.title))
-    if path is not None:
-        page = page.save(path)
-    return page, course
+    return page if path is None else page.save(path), course
 
 
 def prepare_stored(

@@ -484,6 +484,7 @@ def _print_summary(summary: pa.Table | None, directory: Path) -> None:
     more = len(summary) - options.PRINTED_ROWS
     if more > 0:
         say(f"{counted(more, 'more case')} in {directory / 'summary.parquet'}")
+    say("`rattlesweep docs columns` explains the columns")
     doubt = doubts_of_means(summary)
     if doubt is not None:
         say(f"note: {doubt}")

@@ -153,7 +153,7 @@ class Bar(AbstractContextManager["Bar"]):
     def _show(self, fraction: float | None, text: str, left: str = "") -> None:
         """Show text and the time since the start; a fraction of None is not known."""
         now = time.monotonic()
-        text = f"{text}, {clock(now - self._start)}{left}"
+        text = f"{text}, {clock(now - self._start)} so far{left}"
         if self._shown:
             if self._bar is None:
                 self._bar = _new_bar(fraction is not None)

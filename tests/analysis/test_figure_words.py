@@ -244,6 +244,7 @@ def test_a_map_has_no_panel_of_one_colour(tmp_path):
     assert "All cells are of one type, R: reverses." in caption
 
 
+@pytest.mark.slow
 def test_the_lines_of_the_page(out, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out").mkdir()

@@ -90,6 +90,7 @@ def test_reversal_times_tell_the_friction():
     assert axes.get_xticks().tolist() == list(range(1, len(times) + 1))
 
 
+@pytest.mark.slow
 def test_exact_times_of_reversals_lead_to_the_truth():
     """The times jump with the friction by whole swings; one valley has no residuals."""
     launch = {"n_i": "60 rpm", "omega_xy0": "6 rpm"}
@@ -106,6 +107,7 @@ def test_exact_times_of_reversals_lead_to_the_truth():
 FAR = 20.0  # where the slopes promise residuals of many standard errors
 
 
+@pytest.mark.slow
 def test_a_valley_that_the_times_cannot_exclude_is_told_of(monkeypatch):
     def with_a_rival(*arguments):
         best = searches_of_times(*arguments)[0]

@@ -173,6 +173,7 @@ def test_rows_count_by_their_own_errors():
     assert low - (high - low) < one_error.values["n_i"] < high + (high - low)
 
 
+@pytest.mark.slow
 def test_errors_that_the_residuals_contradict_are_told():
     data = noisy()
     small = rs.fit(STONE, data, free=FREE, launch=LAUNCH, error=NOISE / 3)
@@ -192,6 +193,7 @@ def test_errors_that_the_residuals_contradict_are_told():
     assert unknown.noise == pytest.approx(NOISE, rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_profile_is_that_of_fits_at_fixed_values(tmp_path):
     """With much noise, chi squared is no parabola along sigma, which may be zero."""
     exact = spins(100, 5)

@@ -320,7 +320,7 @@ def test_a_picture_on_axes_of_the_caller(sweeps, tmp_path):
             rs.load(sweeps / name).plot(ax=left, **wrong)
 
 
-@pytest.mark.parametrize("width", [3.4, 7.0])
+@pytest.mark.parametrize("width", [3.4, pytest.param(7.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "shown",
     [

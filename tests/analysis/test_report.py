@@ -140,6 +140,7 @@ def test_the_page_needs_nothing_else_and_runs_nothing(pages):
         assert not re.search(rb"@import|url\(", data)
 
 
+@pytest.mark.slow
 @needs_browser
 def test_the_table_of_cases_is_sorted_by_a_click(pages, chromium, tmp_path):
     path = tmp_path / "page.html"
@@ -177,7 +178,7 @@ def test_short_lengths_are_in_um(tmp_path):
                 "mass": "60 g",
             },
             "spin": {"n_i": "-60 rpm", "omega_xy0": "6 rpm"},
-            "dissipation": {"pivot": ["0 um", "250 um"]},
+            "dissipation": {"rolling": ["0 um", "250 um"]},
             "horizon": {"t": "1 s"},
         },
         output=tmp_path / "out",
@@ -233,6 +234,7 @@ def test_what_the_pictures_show_is_said(sweeps, pages):
     assert numbers.split(" at ")[0] == f"{share.iloc[0]:.3g}"
 
 
+@pytest.mark.slow
 @needs_browser
 @pytest.mark.parametrize("name", ["steady", "map"])
 def test_a_page_fits_and_can_be_read(name, pages, chromium, tmp_path):

@@ -185,6 +185,7 @@ def test_the_launch_is_no_crossing(psi):
         assert (section["t"] > 1e-3).all()
 
 
+@pytest.mark.slow
 def test_a_jump_over_the_value_is_no_crossing():
     """Where a slide ends, the force in the plane falls from mu times the normal one."""
     launch = WILD | {"mu": 0.3, "t_end": 200.0}

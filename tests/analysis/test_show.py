@@ -232,6 +232,7 @@ def test_keys_and_buttons_work(still):
     assert n == pytest.approx(float(exact.table["n"][0]), abs=1e-4)
 
 
+@pytest.mark.slow
 @needs_browser
 def test_the_keyboard_plays_steps_and_resets(still):
     """Only keys are pressed, from the top of the page on."""
@@ -273,6 +274,7 @@ def test_the_keyboard_plays_steps_and_resets(still):
     assert still.run(camera) == pytest.approx(before)
 
 
+@pytest.mark.slow
 @needs_browser
 @pytest.mark.parametrize(("width", "scheme"), [*zip(WIDTHS, SCHEMES, strict=True)])
 def test_it_fits_and_can_be_read(page, chromium, width, scheme):

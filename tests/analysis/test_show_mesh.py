@@ -139,6 +139,7 @@ def test_a_stone_file_is_shown(stone, tmp_path):
         assert words in refused.stderr
 
 
+@pytest.mark.slow
 @needs_browser
 def test_the_mesh_rolls_on_the_plane(page, chromium):
     with window(chromium) as it:

@@ -211,7 +211,7 @@ def refused(path, *overrides):
 
 
 @pytest.mark.parametrize(
-    ("start", "count"), [(2200, 120), pytest.param(0, 6000, marks=pytest.mark.slow)]
+    ("start", "count"), [(2200, 50), pytest.param(0, 6000, marks=pytest.mark.slow)]
 )
 def test_changed_configs(directory, start, count):
     path = directory / "c.yaml"

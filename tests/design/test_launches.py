@@ -143,7 +143,7 @@ def tapped_oracle(omega_xy0: float, psi: float, t_end: float) -> tuple[float, fl
     return times[begin], zero
 
 
-@pytest.mark.parametrize("psi", ["pitch", 45.0])
+@pytest.mark.parametrize("psi", ["pitch", pytest.param(45.0, marks=pytest.mark.slow)])
 def test_a_tapped_body_reverses_once_it_has_spun(psi):
     body = rs.Rattleback(**BODY)
     angle = {"pitch": rs.modes(body).psi_p}.get(psi, math.radians(45.0))

@@ -17,31 +17,36 @@ MODELS = {
     "full",
     "full_attitude",
     "full_tangent",
+    "full_frame",
     "full_viscous",
     "full_rolling",
     "full_pivoting",
-    "full_creep_pivoting",
     "full_sliding",
     "full_slip",
     "full_shaken",
-    "full_frame",
     "ellipsoid",
     "ellipsoid_attitude",
     "ellipsoid_viscous",
     "ellipsoid_viscous_attitude",
     "ellipsoid_rolling",
-    "ellipsoid_pivoting",
     "ellipsoid_creep_pivoting",
-    "ellipsoid_pivoting_sliding",
+    "ellipsoid_sliding",
     "reduced",
     "reduced_lossy",
-    "reduced_pivoting",
     "vectors",
     "vectors_attitude",
 }
-# Single kernels that one quick test would compile for itself.
+# Parts of these models that few quick tests would need.
 RARE = {
     ("answer_recipe", "full", "rimmed"),
+    ("look_recipe", "full_tangent"),
+    ("look_recipe", "full_pivoting"),
+    ("look_recipe", "ellipsoid_rolling"),
+    ("note_recipe", "full_tangent"),
+    ("attempt_recipe", "dop853", "full_tangent", "volume"),
+    ("attempt_recipe", "dop853", "full_frame", "volume"),
+    ("attempt_recipe", "dop853", "ellipsoid", "volume"),
+    ("attempt_recipe", "dop853", "vectors", "volume"),
 }
 
 _load = loading._load

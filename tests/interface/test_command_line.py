@@ -274,9 +274,9 @@ def test_a_log_that_is_no_terminal_gets_a_line_a_minute(monkeypatch, capfd):
             now[0] = float(second)
             bar(SimpleNamespace(fraction=second / 200, runs=10 * second, left=7.0))
     assert capfd.readouterr().err.splitlines() == [
-        "30.0 %, 600 runs done, 1:00, 0:07 left",
-        "60.0 %, 1,200 runs done, 2:00, 0:07 left",
-        "90.0 %, 1,800 runs done, 3:00, 0:07 left",
+        "30.0 %, 600 runs done, 1:00 so far, 0:07 left",
+        "60.0 %, 1,200 runs done, 2:00 so far, 0:07 left",
+        "90.0 %, 1,800 runs done, 3:00 so far, 0:07 left",
     ]
 
 

@@ -52,6 +52,7 @@ def execute(page: str, about: str = "") -> int:
     return commands
 
 
+@pytest.mark.slow
 def test_the_tutorial_from_install_to_a_map(here: Path):
     assert execute("tutorial.md") >= 12
     wanted = {

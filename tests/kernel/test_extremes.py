@@ -40,7 +40,15 @@ SHORT: list[tuple[dict[str, float], float, float, float]] = [
 ]
 
 
-@pytest.mark.parametrize(("change", "n_i", "omega_xy0", "t_end"), SHORT)
+def quick_first(cases, quick):
+    """Mark all but some cases as slow: the oracle takes seconds for each."""
+    return [
+        case if k < quick else pytest.param(*case, marks=pytest.mark.slow)
+        for k, case in enumerate(cases)
+    ]
+
+
+@pytest.mark.parametrize(("change", "n_i", "omega_xy0", "t_end"), quick_first(SHORT, 4))
 def test_extremes_agree_with_the_oracle(change, n_i, omega_xy0, t_end):
     found = ask(change, n_i, omega_xy0, t_end)
     y0 = oracle.launch(GH | change, n_i, omega_xy0, found.psi)

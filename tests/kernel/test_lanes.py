@@ -194,19 +194,24 @@ def test_nonfinite_states_end_at_once_and_leave_the_neighbours_alone(method):
     kernels.assert_same(kernels.pick(out, rest), kernels.pick(alone, rest))
 
 
-def records_of(method):
-    """Return all records, without tangents for RK4, whose kernel takes long to
-    compile.
-    """
-    return [name for name in RECORDINGS if method is DOP853 or name != "lyapunov"]
+# Methods and what is recorded; with tangents, the model is another one.
+WITHOUT_TANGENTS = [name for name in RECORDINGS if name != "lyapunov"]
+records = pytest.mark.parametrize(
+    ("method", "recorded"),
+    [
+        pytest.param(DOP853, WITHOUT_TANGENTS, id="dop853"),
+        pytest.param(RK4, WITHOUT_TANGENTS, id="rk4"),
+        pytest.param(DOP853, RECORDINGS, id="tangents", marks=pytest.mark.slow),
+    ],
+)
 
 
-@both_kinds
-def test_recording_changes_nothing_else(method):
+@records
+def test_recording_changes_nothing_else(method, recorded):
     runs = mixed(70)
     # With reversals or late recorded, runs continue after the first reversal.
     whole = ("reversals", "late")
-    others = tuple(name for name in records_of(method) if name not in whole)
+    others = tuple(name for name in recorded if name not in whole)
     plain = integrate(runs, method, FULL, dt=0.01)
     # What is recorded has no rows without a record.
     extra = tuple(name for name, rows in vars(plain).items() if np.size(rows) == 0)
@@ -217,15 +222,15 @@ def test_recording_changes_nothing_else(method):
         assert out.windows.shape == (recorded_runs, kernels.N_WINDOWS, 3)
 
 
-@both_kinds
-def test_records_are_those_of_the_trajectory(method):
+@records
+def test_records_are_those_of_the_trajectory(method, recorded):
     t_end = 12.8
     n_windows = 8
     launches = [(0.5, 0.03), (-0.3, 0.03), (0.3, 0.02), (0.1, 0.01)]
     n_i, omega = np.array(launches).T
     runs = kernels.full_batch(GH, n_i, omega, t_end=t_end)
     runs = dataclasses.replace(runs, window=runs.t_end / n_windows)
-    out = integrate(runs, method, FULL, record=frozenset(records_of(method)))
+    out = integrate(runs, method, FULL, record=frozenset(recorded))
     assert_status(out, Status.OK)
     assert (out.t_end == t_end).all()
     # In windows, only the ends of steps are observed, and adaptive steps are a large

@@ -16,7 +16,14 @@ T_HALF = frozenset(["t_half"])
 
 
 @pytest.mark.parametrize(
-    ("n_i", "push"), [(0.1, 0.01), (-0.2, 0.1), (0.3, 0.1), (-0.3, 0.1), (0.2, 0.15)]
+    ("n_i", "push"),
+    [
+        (0.1, 0.01),
+        pytest.param(-0.2, 0.1, marks=pytest.mark.slow),
+        pytest.param(0.3, 0.1, marks=pytest.mark.slow),
+        pytest.param(-0.3, 0.1, marks=pytest.mark.slow),
+        pytest.param(0.2, 0.15, marks=pytest.mark.slow),
+    ],
 )
 def test_the_time_of_half_the_spin_is_that_of_scipy(n_i, push):
     runs = kernels.full_batch(GH, n_i, push, t_end=300.0)

@@ -101,9 +101,8 @@ def needed_torque(row, body, lever, mu=math.inf):
     return forces.torque
 
 
-@pytest.mark.parametrize(
-    "mu", [None, pytest.param(0.15, marks=pytest.mark.slow)], ids=["rolls", "slides"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("mu", [None, 0.15], ids=["rolls", "slides"])
 def test_channel_of_the_torque(mu):
     """It is the torque that the motion needs, and its power is the work."""
     body = rs.Rattleback.gh()

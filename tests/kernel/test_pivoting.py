@@ -2,11 +2,13 @@
 
 import dataclasses
 import math
+from math import sqrt
 
 import kernels
 import numpy as np
 import oracle
 import pytest
+from exact import exactly
 
 from rattlesweep.kernel.batch import integrate
 from rattlesweep.kernel.look import inside
@@ -37,6 +39,13 @@ def pivoting_batch(n_i, push, lever, t_end, sigma=0.0):
 @pytest.mark.parametrize("law", ["pivoting", "rolling_pivoting"])
 def test_equations_in_slopes_are_those_in_any_position(law, sense):
     model = find_model(f"ellipsoid_{law}")
+    anywhere, rhs, pivot, contact, spin, spin_rate = (
+        exactly(formula, sqrt)
+        for formula in (
+            *(model.anywhere.rhs, model.rhs, model.pivot, model.contact),
+            *(model.spin, model.spin_rate),
+        )
+    )
     rng = np.random.default_rng(3)
     for _ in range(30):
         y = rng.normal(scale=0.2, size=5)
@@ -45,18 +54,18 @@ def test_equations_in_slopes_are_those_in_any_position(law, sense):
         q = np.array([*shape, 0.02, *rolling, 0.05, sense])
         state = np.array([[*y, -0.1, -0.05]])
         (there,), (constants,) = from_slopes(model, state, q[None])
-        got = model.anywhere.rhs(tuple(there), tuple(constants))
-        wanted = model.rhs(tuple(state[0]), tuple(q))
+        got = anywhere(tuple(there), tuple(constants))
+        wanted = rhs(tuple(state[0]), tuple(q))
         np.testing.assert_allclose(got[3:], wanted[2:], rtol=1e-10, atol=1e-12)
-        torque, normal, _ = model.pivot(tuple(state[0]), tuple(q))
+        torque, normal, _ = pivot(tuple(state[0]), tuple(q))
         # F.u of the contact force that the motion needs is the normal force used.
-        needed, _ = model.contact(tuple(state[0]), tuple(q))
+        needed, _ = contact(tuple(state[0]), tuple(q))
         assert normal == pytest.approx(needed, rel=1e-10)
         if sense != 0.0:
             assert torque == pytest.approx(-0.05 * sense * normal, rel=1e-12)
         else:
-            n = model.spin(tuple(state[0]))
-            rate = model.spin_rate(tuple(state[0]), wanted)
+            n = spin(tuple(state[0]))
+            rate = spin_rate(tuple(state[0]), wanted)
             assert rate == pytest.approx(-pivoting.RETURN * n, abs=1e-12)
 
 

@@ -7,6 +7,7 @@ from scipy.integrate import quad, solve_ivp
 import rattlesweep as rs
 from rattlesweep.physics import theory
 
+SLOW = pytest.mark.slow
 GH = rs.Rattleback.gh()
 MODES = theory.modes(GH.alpha, GH.beta, GH.theta, GH.phi, GH.xi)
 EPS = 1e-4  # below it rolling resistance is viscous
@@ -119,10 +120,10 @@ def energies_at(omega_xy0, psi_deg):
     [
         (0.1, {"sigma": 0.002}),
         (-0.1, {"sigma": 0.0005}),
-        (0.1, {"pivot": 1e-4}),
-        (-0.1, {"pivot": 2e-4, "creep": 0.3}),
-        (0.1, {"sigma": 0.003, "pivot": 5e-4, "creep": 0.2}),
-        (0.1, {"pivot": 3e-3}),
+        pytest.param(0.1, {"pivot": 1e-4}, marks=SLOW),
+        pytest.param(-0.1, {"pivot": 2e-4, "creep": 0.3}, marks=SLOW),
+        pytest.param(0.1, {"sigma": 3e-3, "pivot": 5e-4, "creep": 0.2}, marks=SLOW),
+        pytest.param(0.1, {"pivot": 3e-3}, marks=SLOW),
         (0.1, {"viscous": 200.0}),
         (-0.2, {"viscous": 500.0, "sigma": 1e-4}),
     ],
@@ -161,6 +162,7 @@ def test_rolling_resistance_of_one_mode_is_its_mean(rolling):
     assert 1 - run.energy_left == pytest.approx(lost / at_launch, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_held_spin_is_released_or_stays_held():
     # A push without spin: the drive is below the lever until the end.
     held = rs.simulate(
@@ -176,6 +178,7 @@ def test_a_held_spin_is_released_or_stays_held():
     assert spun.n_end < -0.05
 
 
+@pytest.mark.slow
 def test_mirrored_bodies_lose_the_same():
     given = {"sigma": 0.001, "pivot": 1e-4, "creep": 0.3, "rolling": 1e-5}
     one = rs.simulate(GH, **LAUNCH, **given, model="reduced")
@@ -189,7 +192,9 @@ def test_mirrored_bodies_lose_the_same():
     assert other.K_r_creep == pytest.approx(-one.K_r_creep, rel=1e-12)
 
 
-@pytest.mark.parametrize("zero", [{"sigma": 0.0}, {"pivot": 0.0, "creep": 0.0}])
+@pytest.mark.parametrize(
+    "zero", [{"sigma": 0.0}, pytest.param({"pivot": 0.0, "creep": 0.0}, marks=SLOW)]
+)
 def test_without_losses_all_bits_are_those_of_the_reduced_model(zero, tmp_path):
     name = next(iter(zero))
     values = [0.0, 1e-3]
@@ -259,7 +264,10 @@ def test_full_dynamics_agree_in_the_limit_of_small_spin_and_push(loss):
 
 @pytest.mark.parametrize(
     ("given", "named"),
-    [({"pivot": 1e-3}, "pivot"), ({"sigma": 0.001, "rolling": 1e-3}, "rolling")],
+    [
+        pytest.param({"pivot": 1e-3}, "pivot", marks=SLOW),
+        ({"sigma": 0.001, "rolling": 1e-3}, "rolling"),
+    ],
 )
 def test_errors_that_are_not_calibrated_are_refused(given, named):
     words = f"not calibrated for the reduced model with .*leave out error or {named}"

@@ -38,7 +38,7 @@ def taps(count, seed):
 
 
 @pytest.mark.parametrize(
-    ("count", "seed"), [(3, 1), pytest.param(20, 2, marks=pytest.mark.slow)]
+    ("count", "seed"), [(1, 1), pytest.param(20, 2, marks=pytest.mark.slow)]
 )
 def test_half_ellipsoids_end_at_their_rims(count, seed):
     ended = 0

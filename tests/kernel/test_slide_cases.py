@@ -71,19 +71,25 @@ def test_runs_are_those_of_the_oracle():
         assert_is_that_of_the_oracle(CASES[k])
 
 
-def test_ellipsoids_in_the_kernel_of_all_laws():
-    """A lever far below rounding errors changes nothing.
+UPRIGHT = [k for k in ELLIPSOIDS if k not in ROLL_OVER]
 
-    So one kernel, which test_invariance has too, serves for these cases.
-    """
-    upright = [k for k in ELLIPSOIDS if k not in ROLL_OVER]
-    assert len(upright) >= 10
-    for k in upright:
+
+def test_ellipsoids_are_those_of_the_oracle():
+    assert len(UPRIGHT) >= 10
+    for k in UPRIGHT:
+        assert_is_that_of_the_oracle(CASES[k])
+
+
+@pytest.mark.slow
+def test_ellipsoids_in_the_kernel_of_all_laws():
+    """A lever far below rounding errors changes nothing."""
+    for k in UPRIGHT:
         out = assert_is_that_of_the_oracle(CASES[k], pivot=[1e-30, 1e-3])
         # Its torque is felt where there is a lever.
         assert out.iloc[1].pivot_work > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lever", [1e-30, 1e-12])
 def test_a_spin_that_changes_while_the_foot_begins_to_slide(lever):
     """The speed first grows as the spin does, so the first step needs both."""

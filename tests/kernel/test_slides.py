@@ -115,7 +115,8 @@ class Slider:
             self.set("slip", self.get("slip1"))
 
 
-@pytest.mark.parametrize("spin", [pytest.param(0.0, marks=pytest.mark.slow), 0.7])
+@pytest.mark.slow
+@pytest.mark.parametrize("spin", [0.0, 0.7])
 def test_a_sphere_slides_and_then_rolls(spin):
     # v = 5/7 v_0 after 2 v_0 / (7 mu g), whatever the spin; the direction stays.
     body = {"alpha": 1.4, "beta": 1.4, "gamma": 0.4, "theta": 1, "phi": 1, "xi": 0}

@@ -101,6 +101,7 @@ def outcome(runs):
     return integrate(runs, DOP853, FULL, tol=1e-11, record=SPECTRUM)
 
 
+@pytest.mark.slow
 def test_exponents_add_up_to_the_rate_of_volume(runs, outcome):
     whole, _ = exponents(outcome.growth)
     change = (tilt(outcome.y_end) - tilt(runs.y0)) / 1000.0
@@ -108,6 +109,7 @@ def test_exponents_add_up_to_the_rate_of_volume(runs, outcome):
     assert np.abs(outcome.volume_rate).max() > 0.1
 
 
+@pytest.mark.slow
 def test_runs_go_on_and_tell_their_first_reversal(runs, outcome):
     steps = longest_frame_steps(runs, DOP853, 1e-11)
     settings = {"tol": 1e-11, "longest_step": steps}
@@ -124,6 +126,7 @@ def test_runs_go_on_and_tell_their_first_reversal(runs, outcome):
     assert whole[:, :1] == pytest.approx(first, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_short_steps_keep_tangents_from_being_damped():
     # With long steps, the method damps tangents along the pitch.
     runs = kernels.full_batch(ROLLING, 0.0733, 0.034, t_end=1000.0)
@@ -154,13 +157,14 @@ def test_a_looser_tolerance_allows_longer_steps(runs):
 @pytest.mark.parametrize("n_i", [-0.4, -0.1, 0.2])
 def test_exponents_of_a_steady_spin_are_real_parts_of_eigenvalues(n_i):
     runs = kernels.full_batch(GH, n_i, 1e-100, t_end=600.0)
-    outcome = integrate(runs, DOP853, FULL, tol=1e-11, record=SPECTRUM)
+    outcome = integrate(runs, DOP853, FULL, tol=1e-11, record={"spectrum"})
     _, late = exponents(outcome.growth)
     pitch, roll = (float(x) for x in steady.growth(full.constants(**GH), n_i))
     expected = sorted([pitch, pitch, roll, roll, 0.0])
     assert sorted(late[0]) == pytest.approx(expected, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_rows_end_where_the_flow_has_decayed():
     runs = kernels.full_batch(STABLE, -0.75, 1e-3, t_end=40_000.0)
     outcome = integrate(runs, DOP853, FULL, record=SPECTRUM)
@@ -174,10 +178,11 @@ def test_rows_end_where_the_flow_has_decayed():
 
 def test_a_body_at_rest_in_its_steady_spin_has_no_exponents():
     runs = kernels.full_batch(GH, -0.5, 0.0, t_end=100.0)
-    outcome = integrate(runs, DOP853, FULL, record=SPECTRUM)
+    outcome = integrate(runs, DOP853, FULL, record={"spectrum"})
     assert np.isnan(exponents(outcome.growth)[0]).all()
 
 
+@pytest.mark.slow
 def test_threads_and_neighbours_do_not_matter(runs, outcome):
     many = kernels.join(*[runs] * 8)
     one = integrate(many, DOP853, FULL, tol=1e-11, record=SPECTRUM, threads=1)
@@ -206,6 +211,7 @@ def kernel_frame(body, omega, u):
     return np.linalg.solve(root, orthonormal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "omega", "u", "t_end"),
     [

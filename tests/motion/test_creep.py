@@ -74,6 +74,7 @@ def creeping():
     )
 
 
+@pytest.mark.slow
 def test_reversals_are_those_of_the_whole_patch(creeping):
     assert_allclose(creeping.t_r, [t_r for *_, t_r in WHOLE_PATCH], rtol=1e-5)
 
@@ -140,12 +141,14 @@ def test_growth_rates_are_those_of_the_whole_patch(n_i, lever, mu, seen):
     assert_allclose(growth_of_model(n_i, lever, mu), both, rtol=3e-4)
 
 
+@pytest.mark.slow
 def test_energy_less_work_is_conserved(creeping):
     assert np.all(np.abs(creeping.energy_drift) < 1e-9)
     assert np.all(creeping.creep_work > 0)
     assert np.all((creeping.creep_doubtful > 0) & (creeping.creep_doubtful < 1))
 
 
+@pytest.mark.slow
 def test_a_mirrored_body_does_the_same(creeping):
     n_i, push, lever, mu, _ = np.transpose(WHOLE_PATCH)
     mirrored = rs.Rattleback(
@@ -169,6 +172,7 @@ def test_a_mirrored_body_does_the_same(creeping):
     assert_allclose(same.t_r, creeping.t_r, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_creep_vanishes_as_the_patch_gets_rough():
     """It is a correction of order 1 / mu^2, and none at zero, to the bit."""
     mu = np.array([0.0, 10.0, 20.0, 40.0])

@@ -63,6 +63,7 @@ def test_claims_of_fig_5_follow_the_series(ws):
     assert (row["verdict"], row["held"], row["checks"]) == ("disagree", 1, 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("chaotic", "verdict"),
     [((0, 1, 0), "agree"), ((0, 1, 1), "partly"), ((0, 0, 0), "disagree")],
@@ -76,6 +77,7 @@ def test_verdict_on_chaos_follows_the_exponents(nine, chaotic, verdict):
     assert ("narrow" in claims["L1"]["evidence"]) == bool(chaotic[2])
 
 
+@pytest.mark.slow
 def test_l4_follows_the_volume(nine):
     def l4(**changed):
         return verdicts({"fig9": {"runs": nine["runs"].assign(**changed)}})["L4"]
@@ -87,6 +89,7 @@ def test_l4_follows_the_volume(nine):
     assert (nine["runs"]["volume_late"] > -1).tolist() == [True, False, False]
 
 
+@pytest.mark.slow
 def test_friction_keeps_more_and_more_bodies_from_reversing(ws):
     tables = fig7.friction(ws)
     for name, bodies in (("shares", 20), ("pivoting", 10)):

@@ -123,6 +123,7 @@ def test_torque_of_a_held_spin_is_that_of_its_lever():
         np.testing.assert_allclose(rolling.force, held.force, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_without_a_lever_it_is_rolling():
     run = launched(0.3, 0.1, 45, 0.0, rtol=1e-11)
     psi = oracle.relevant_psi(GH, 0.3)
@@ -145,7 +146,10 @@ def test_without_a_lever_it_slides_as_before():
     ("n_i", "push", "t_end", "free", "changes"),
     [
         (0.1, 0.01, 115, 112.09, {5e-4: 0.1, 2e-3: 0.2, 6e-3: -2.5}),
-        (-0.2, 0.1, 220, 212.35, {5e-4: 0.3, 2e-3: 1.1, 6e-3: -1.4}),
+        pytest.param(
+            *(-0.2, 0.1, 220, 212.35, {5e-4: 0.3, 2e-3: 1.1, 6e-3: -1.4}),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_reversal_times(n_i, push, t_end, free, changes):

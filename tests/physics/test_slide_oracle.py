@@ -94,6 +94,7 @@ def test_parameters_are_those_of_the_package():
     np.testing.assert_allclose([*stone.inertia, bxx - 1, bxy, byy - 1], wanted, 1e-14)
 
 
+@pytest.mark.slow
 def test_known_run():
     """An earlier program, which is lost, found 41.348655134 for a push along x."""
     y = oracle.launch(GH, 0.3, 0.1, 0.0)
@@ -102,6 +103,7 @@ def test_known_run():
     assert abs(run.energy_error) < 1e-10
 
 
+@pytest.mark.slow
 def test_energy_with_a_couple_and_beyond_the_reversal():
     run = launched(GH, 0.3, 0.1, t_end=60, mu=0.3, sigma=2e-2, through=True, rtol=1e-9)
     assert run.t_r < 50
@@ -114,6 +116,7 @@ def test_energy_with_a_couple_and_beyond_the_reversal():
     )
 
 
+@pytest.mark.slow
 def test_mirrored_body():
     """The mirror image in the plane of x and z moves as the image."""
     options = {"t_end": 30, "mu": 0.3, "rtol": 1e-10, "through": True}
@@ -128,6 +131,7 @@ def test_mirrored_body():
     np.testing.assert_allclose(image.y[:6], mirror * run.y[:6], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_much_friction_is_rolling():
     run = launched(GH, 0.3, 0.1, t_end=60, mu=1e6, rtol=1e-12)
     psi = oracle.relevant_psi(GH, 0.3)
@@ -137,6 +141,7 @@ def test_much_friction_is_rolling():
     np.testing.assert_allclose(run.y[:6], y, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_beginning_of_slides():
     """Half the first moment gives the same slide."""
     options = {"t_end": 22, "mu": 0.3, "through": True, "rtol": 1e-11}

@@ -58,7 +58,7 @@ def test_matrix_is_the_jacobian_of_the_full_dynamics_of_the_oracle_and_of_the_pa
 
 def test_eigenvalues_of_extreme_bodies_at_any_spin_and_any_loss():
     """A hundred digits give growth rates down to 1e-20 of the frequency exactly."""
-    size = 120
+    size = 60
     rng = np.random.default_rng(31)
     bodies = np.concatenate(
         [far_outside(size // 2, 32), any_body(size // 2, 33)], axis=1

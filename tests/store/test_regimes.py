@@ -72,6 +72,7 @@ def test_regimes_follow_from_growths_and_their_change(third, last, regime):
     assert regime_codes(nothing, nothing) == [-1]
 
 
+@pytest.mark.slow
 def test_a_motion_that_dies_out_at_once_is_steady():
     # Its flow falls below the smallest numbers within the first of 64 windows.
     body = rs.Rattleback(13, 2.5, 12, 0.9, 0.05, -0.7)
@@ -111,6 +112,7 @@ def test_runs_without_exponents_have_no_regime():
         assert run.chaotic is None
 
 
+@pytest.mark.slow
 def test_a_strange_attractor():
     body = rs.Rattleback(**CELTIC, xi=-0.485)
     record = ["lyapunov", "spectrum", "volume"]
@@ -145,6 +147,7 @@ def test_columns_by_what_is_recorded():
     assert alone["t_end"][0] == 900
 
 
+@pytest.mark.slow
 def test_a_chart_is_refined_by_its_regimes(tmp_path):
     sweep = rs.sweep(CHART, output=tmp_path / "chart", progress=False)
     runs = sweep.read()
@@ -169,6 +172,7 @@ def test_a_chart_is_refined_by_its_regimes(tmp_path):
     assert "fraction_attractor" in head.split(",")
 
 
+@pytest.mark.slow
 def test_a_replay_takes_the_steps_of_the_stored_run(tmp_path):
     config = {
         "bodies": {"source": "sd", "samples": 8},

@@ -197,6 +197,7 @@ def test_rows_are_those_of_the_local_engine(name, cluster, tmp_path):
     assert rows_of(tmp_path / "dask").equals(rows_of(tmp_path / "local"))
 
 
+@pytest.mark.slow
 def test_losses_of_workers_and_of_the_scheduler(
     own_cluster, gate, tmp_path, plain, monkeypatch
 ):
@@ -256,7 +257,9 @@ def test_without_a_scheduler_workers_of_its_own_do_it(plain, tmp_path):
     assert rows_of(tmp_path).equals(plain)
 
 
-@pytest.mark.parametrize("how", ["time", "interrupt", "full disk"])
+@pytest.mark.parametrize(
+    "how", [pytest.param("time", marks=pytest.mark.slow), "interrupt", "full disk"]
+)
 def test_a_stop_keeps_the_blocks_that_are_done_and_frees_the_workers(
     how, cluster, plain, tmp_path, monkeypatch
 ):

@@ -63,6 +63,7 @@ def test_a_horizon_in_units_of_the_decay():
     assert ends([0, 1], t_decay=1, t=99) == [99, gamma]
 
 
+@pytest.mark.slow
 def test_columns_are_those_of_each_run(swept, tmp_path):
     runs = swept.runs
     sigma = runs.sigma
@@ -141,6 +142,7 @@ def test_a_larger_share_kills_earlier(tmp_path):
     assert np.isnan(dead.t_r[0])
 
 
+@pytest.mark.slow
 def test_the_runs_of_a_sweep_are_a_table_that_says_it_row_by_row(tmp_path, swept):
     source = {
         "source": "table",

@@ -69,6 +69,7 @@ def test_it_is_no_threshold_and_another_sweep(both):
     assert_refused(done, 2, "holds another sweep (classify.early: false against true)")
 
 
+@pytest.mark.slow
 def test_the_same_content_however_it_is_run(both, tmp_path):
     for index, threads in enumerate((2, 1)):
         sweep(tmp_path, EARLY, shard=Shard(index, 2), threads=threads)

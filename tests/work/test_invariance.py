@@ -84,16 +84,8 @@ FRICTION = {
 }
 
 
-# With both, one kernel has the modes of the two others.
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param("mu", marks=pytest.mark.slow),
-        pytest.param("pivot", marks=pytest.mark.slow),
-        pytest.param("viscous", marks=pytest.mark.slow),
-        "both",
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FRICTION)
 def test_runs_with_friction(name, tmp_path):
     """They slide, or their spin is held, each at times of its own."""
     losses, record, columns = FRICTION[name]

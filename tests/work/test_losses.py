@@ -38,15 +38,12 @@ STEADY = {"n_i": -0.1, "omega_xy0": 0.01}
 UNSTEADY = {"n_i": 0.3, "omega_xy0": 0.1}
 SLIDES = ("t_slide", "n_slides", "slide_time", "slide_work")
 HOLDS = ("t_held", "held_time", "pivot_work")
-TURNS = ("reversals",)
 # A loss without an entry here fails.
 WAYS = {
     "sigma": Ways(
         (0.0, 0.05, 0.2),
         UNSTEADY,
         60,
-        (),
-        TURNS,
         bodies={"c": 3},
         beside={"rolling": 1e-3},
     ),
@@ -54,11 +51,9 @@ WAYS = {
         (0.0, 1e-3, 0.01),
         UNSTEADY,
         60,
-        (),
-        TURNS,
-        ("2", "much"),
-        {"c": 3},
-        {"sigma": 0.01},
+        bad=("2", "much"),
+        bodies={"c": 3},
+        beside={"sigma": 0.01},
     ),
     "mu": Ways(
         (0.2, 0.3, 1e3),
@@ -106,7 +101,13 @@ def plan_of_table(name, values, **losses):
     return make_plan(parse_config(keys), rows=frame_bodies(pd.DataFrame(rows)))
 
 
-@names
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name == "creep" else name
+        for name in LOSSES
+    ],
+)
 def test_every_way_gives_the_same_rows(name, tmp_path):
     """A sweep, arrays of values, rows of a table, and a sweep that has grown."""
     ways = WAYS[name]
