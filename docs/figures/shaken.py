@@ -32,6 +32,21 @@ def predicted(mode: str, frequency: np.ndarray, acceleration: float) -> np.ndarr
     return driven_spin(growth, SIGMA / 2 / J[mode], K[mode])
 
 
+def write_above(axis: Axes, x: float, text: str) -> None:
+    """Write a name above a panel, clear of its frame."""
+    axis.annotate(
+        text,
+        (x, 1.0),
+        xycoords=("data", "axes fraction"),
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="center",
+        va="bottom",
+        fontsize=8,
+        color="0.35",
+    )
+
+
 def draw_all(axis: Axes, runs: pd.DataFrame) -> None:
     """Draw the mean spin over the drive, with what the spin varies by."""
     for acceleration, some in runs.groupby("base_acceleration"):
@@ -53,17 +68,12 @@ def draw_all(axis: Axes, runs: pd.DataFrame) -> None:
                 times * omega, color="0.6", lw=0.8, ls="-" if strong else ":", zorder=0
             )
             name = f"$\\omega_{mode[0]}$"
-            axis.annotate(
-                f"{times if times > 1 else ''}{name}",
-                (times * omega, 1.01),
-                xycoords=("data", "axes fraction"),
-                ha="center",
-                fontsize=7,
-                color="0.35",
-            )
+            write_above(axis, times * omega, f"{times if times > 1 else ''}{name}")
     axis.set(xlabel=r"drive $\Omega$, $\sqrt{g/a}$", ylabel="spin, last quarter")
-    axis.set_xlim(x.min(), x.max())
-    axis.legend(frameon=False, fontsize=8, loc="lower right")
+    # Room for the last of the names above.
+    axis.set_xlim(x.min(), x.max() + 0.1)
+    # Between the names of two drives.
+    axis.legend(frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.86, 0))
 
 
 def draw_peak(axis: Axes, mode: str, accelerations: tuple[float, ...]) -> None:

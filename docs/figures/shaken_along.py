@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from shaken import GH, OMEGA, PSI, SIGMA, J, K
+from shaken import GH, OMEGA, PSI, SIGMA, J, K, write_above
 
 import rattlesweep as rs
 from rattlesweep.physics.driven import growth_of_push, spin_of_push
@@ -54,14 +54,7 @@ def draw_spins(axis: Axes, runs: pd.DataFrame, lowest: float, highest: float) ->
     for mode, omega in OMEGA.items():
         if lowest < omega < highest:
             axis.axvline(omega, color="0.6", lw=0.8, zorder=0)
-            axis.annotate(
-                f"$\\omega_{mode[0]}$",
-                (omega, 1.01),
-                xycoords=("data", "axes fraction"),
-                ha="center",
-                fontsize=8,
-                color="0.35",
-            )
+            write_above(axis, omega, f"$\\omega_{mode[0]}$")
     axis.set_xlim(lowest, highest)
     axis.set_xlabel(r"drive $\Omega$, $\sqrt{g/a}$")
 
@@ -94,7 +87,7 @@ def draw_courses(axis: Axes) -> None:
         label = f"$\\Omega = \\omega_{mode[0]}$, $\\varepsilon$ = {acceleration:g}"
         axis.plot(runs.t_end, runs.n_end, lw=0.8, color=colour, label=label)
     axis.set(xlabel=r"time, $\sqrt{a/g}$", ylabel="spin")
-    axis.set_ylim(-0.09, 0.055)
+    axis.set_ylim(-0.105, 0.055)
     axis.legend(frameon=False, fontsize=7, loc="lower right")
 
 
@@ -179,7 +172,7 @@ def main(directory: str, target: str) -> None:
     axes = below.subplots(1, 3)
     draw_spins(axes[0], runs, 1.2, 1.65)
     draw_closed_form(axes[0], 1.2, 1.65)
-    axes[0].set_ylim(-0.1, 0.01)
+    axes[0].set_ylim(-0.135, 0.01)
     axes[0].set_ylabel("spin, last quarter")
     draw_spins(axes[1], runs, 0.4, 0.8)
     draw_courses(axes[2])

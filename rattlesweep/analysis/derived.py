@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import full, steady, stone, theory
@@ -80,7 +81,7 @@ DERIVED: dict[str, tuple[str, str]] = {
     "lever_critical": (LENGTH, "lever of pivoting above which no steady spin reverses"),
     "base_frequency": (RATE, QUANTITIES["base_frequency"].meaning),
     "base_acceleration": ("1", "amplitude of its acceleration in g"),
-    "n_base": (RATE, "spin to which the drive leads; none: none"),
+    "n_base": (RATE, "mean spin under the drive; none: none, or not known"),
 }
 for _mode in MODES:
     DERIVED |= {
@@ -90,7 +91,7 @@ for _mode in MODES:
         ),
         f"n_base_{_mode}": (
             RATE,
-            f"spin to which a drive of this acceleration tuned to the {_mode} leads",
+            f"mean spin under a drive of this acceleration tuned to the {_mode}",
         ),
         f"growth_base_{_mode}": (
             RATE,
@@ -193,7 +194,9 @@ def derived(
     """
     drive = {name: losses.pop(name) for name in DRIVES if name in losses}
     if n_i == 0:
-        raise ConfigError("--n-i 0: a launch without spin has no reversal time")
+        raise ConfigError(
+            "--n-i 0: a launch without spin has no reversal time; leave --n-i out"
+        )
     b = body
     m = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
     psi = direction(m, n_i, "relevant")
@@ -267,19 +270,30 @@ def derived(
         damping = -growing.rates(0.0)
         if not np.isfinite(small).all():
             damping = damping * math.nan
+        # The spins are known with sigma alone.
+        limits = outgrows
+        if any(loss > 0 for name, loss in losses.items() if name != "sigma"):
+            limits = outgrows * math.nan
         if "base_azimuth" in drive:
-            values |= _of_base_along(b, m, damping, drive)
+            values |= _of_base_along(b, m, damping, limits, drive)
         else:
-            values |= _of_base(m, damping, drive)
+            values |= _of_base(m, damping, limits, drive)
     return [
         quantity_of(body, name, value, *DERIVED[name]) for name, value in values.items()
     ]
 
 
 def _of_base(
-    m: theory.Modes, damping: Floats, drive: dict[str, float]
+    m: theory.Modes, damping: Floats, limits: Floats, drive: dict[str, float]
 ) -> dict[str, float]:
-    """Return what a plane that shakes does: where the body spins up, and how far."""
+    """Return what a plane that shakes does: where the body spins up, and how far.
+
+    `limits` are the spins beyond which pitch and roll grow.  A mode that is driven
+    turns the body until the spin stops it, or until the spin makes the other mode grow:
+    over a long time this one neither grows nor decays, so the mean is its limit.
+    Without losses the pitch turns the body twice as far, once and for all, and the
+    roll to no lasting spin.
+    """
     frequency = drive["base_frequency"]
     acceleration = drive["base_acceleration"]
     omega = np.array([m.omega_p, m.omega_r], float)
@@ -287,8 +301,20 @@ def _of_base(
     # At rest, from the drive as it is, and from one that is tuned to each mode.
     growth = growth_of_drive(omega, frequency, acceleration)
     tuned = growth_of_drive(omega, 2 * omega, acceleration)
-    spins = driven_spin(growth, damping, coefficients)
-    tuned_spins = driven_spin(tuned, damping, coefficients)
+    of_pitch, of_roll = limits
+    least = np.array([of_roll, -math.inf])
+    most = np.array([math.inf, of_pitch])
+    without_losses = np.array([2.0, math.nan])
+
+    def mean_spins(growth: Floats) -> Floats:
+        spins: Floats = driven_spin(growth, damping, coefficients)
+        if not limits.any():
+            spins *= without_losses
+            return spins
+        return np.asarray(np.clip(spins, least, most), float)
+
+    spins = mean_spins(growth)
+    tuned_spins = mean_spins(tuned)
     values = {"base_frequency": frequency, "base_acceleration": acceleration}
     for k, mode in enumerate(MODES):
         values[f"base_frequency_{mode}"] = 2 * omega[k]
@@ -300,9 +326,16 @@ def _of_base(
 
 
 def _of_base_along(
-    b: Rattleback, m: theory.Modes, damping: Floats, drive: dict[str, float]
+    b: Rattleback,
+    m: theory.Modes,
+    damping: Floats,
+    limits: Floats,
+    drive: dict[str, float],
 ) -> dict[str, float]:
-    """Return what :func:`_of_base` does, of a plane that shakes along itself."""
+    """Return what :func:`_of_base` does, of a plane that shakes along itself.
+
+    A drive of the roll leads to no lasting spin once the pitch grows.
+    """
     frequency = drive["base_frequency"]
     acceleration = drive["base_acceleration"]
     omega = np.array([m.omega_p, m.omega_r], float)
@@ -310,13 +343,20 @@ def _of_base_along(
     inertia = theory.inertia_along(b.alpha, b.beta, psi)
     coefficients = np.array([m.K_p, -np.asarray(m.K_r)], float)
     of_mode = inertia, damping, coefficients
-    spins = spin_of_push(omega, frequency, acceleration, *of_mode)
-    tuned_spins = spin_of_push(omega, omega, acceleration, *of_mode)
+    of_pitch, of_roll = limits
+
+    def mean_spins(frequency: ArrayLike) -> Floats:
+        pitch, roll = spin_of_push(omega, frequency, acceleration, *of_mode)
+        lasting = roll if roll < of_pitch else math.nan
+        return np.array([np.maximum(pitch, of_roll), lasting])
+
+    spins = mean_spins(frequency)
+    tuned_spins = mean_spins(omega)
     values = {"base_frequency": frequency, "base_acceleration": acceleration}
     for k, mode in enumerate(MODES):
         values[f"base_frequency_{mode}"] = omega[k]
         values[f"n_base_{mode}"] = tuned_spins[k]
-    values["n_base"] = spins[np.abs(spins).argmax()]
+    values["n_base"] = spins[0]
     return values
 
 

@@ -112,6 +112,10 @@ def export_run(
             )
         if engine is not None:
             check_name(path, engine)
+    if run.config.acting.is_shaken:
+        raise ConfigError(
+            "base: no format has a plane that shakes; leave it out to export the body"
+        )
     if engine is not None:
         check_run(run, engine)
     elif format == "mjcf":

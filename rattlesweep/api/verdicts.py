@@ -241,6 +241,8 @@ def verdict_on(
 
     stone = _sized(body, length)
     check_count("samples", samples)
+    if losses.pop("base", None) is not None:
+        raise ConfigError("base: a verdict is about a plane at rest; leave base out")
     check_names("arguments", losses, LOSSES)
     launches = _launches(stone.body, spin, push, t_end)
     given, values, errors = _separate(losses)

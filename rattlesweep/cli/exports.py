@@ -125,6 +125,8 @@ def export(
         say(f"no reversal by {case.expected.until:g} s")
     else:
         say(f"first reversal at {reversal.time:.12g} s, +- {reversal.error:.1g} s")
+    if "viscous" in case.plane.losses:
+        return
     if case.plane.friction is None:
         needed = case.expected.contact.friction
         say(f"rolling needs a friction of {needed:.2g} up to then")

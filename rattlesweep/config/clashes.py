@@ -119,8 +119,10 @@ def numbers_without_unit(config: Config) -> Iterator[Clash]:
     for name, values in config.settings.items():
         kind = QUANTITIES[name].kind
         numbers = [value.natural for value in values if value.natural is not None]
+        # The unit of some angles is in the name of their key.
+        has_unit = SETTING_KEYS[name].endswith("_deg")
         try:
-            if kind:
+            if kind and not has_unit:
                 require_unit(SETTING_KEYS[name], numbers, kind)
         except ConfigError as error:
             key, _, sentence = str(error).partition(": ")

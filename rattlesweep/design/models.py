@@ -43,7 +43,11 @@ def full_model_of(config: Config) -> Model:
         words.append("sliding")
     model = find_model("_".join(filter(None, words)))
     if "volume" in config.record and model.volume is None:
+        acting = [*config.dissipation.present]
+        if config.acting.is_shaken:
+            acting.append("base")
         raise ConfigError(
-            f"record: the phase volume of {model.name} is not known; leave volume out"
+            f"record: the phase volume is not known with {' and '.join(acting)}; leave "
+            "volume out"
         )
     return model

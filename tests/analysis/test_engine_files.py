@@ -12,8 +12,10 @@ from sweeping import ROOT, invoke
 
 import rattlesweep as rs
 from rattlesweep.analysis.engines.adapters import frame
-from rattlesweep.analysis.engines.case import EngineCase
+from rattlesweep.analysis.engines.case import EngineCase, _plane
 from rattlesweep.analysis.engines.script import ENGINES, numbers_of, to_script
+from rattlesweep.api.single import prepare_launch
+from rattlesweep.physics.si import Units
 from rattlesweep.words.names import ENGINE_NAMES
 
 FOLDER = ROOT / "benchmarks" / "engines"
@@ -150,6 +152,29 @@ def test_a_tap_counts_its_zeros_after_it_has_spun():
 def test_what_an_engine_cannot_have_is_refused(body, more, sentence):
     with pytest.raises(rs.ConfigError, match=sentence):
         rs.export(body, **{"engine": "drake", **LAUNCH, **more})
+
+
+@pytest.mark.parametrize("form", [{"engine": "mujoco"}, {}, {"format": "json"}])
+@pytest.mark.parametrize("along", [{}, {"direction": "horizontal"}])
+def test_no_export_has_a_plane_that_shakes(form, along):
+    drive = {"frequency": 2.0, "acceleration": 0.1} | along
+    with pytest.raises(rs.ConfigError, match="no format has a plane that shakes"):
+        rs.export(ELLIPSOID, sigma=0.01, base=drive, **LAUNCH, **form)
+
+
+@pytest.mark.parametrize(
+    ("losses", "value", "unit"),
+    [
+        ({"pivot": 0.01, "creep": 0.3}, 0.3, "1"),
+        ({"viscous": 2.0}, 2.0 * math.sqrt(9.81 / 0.01), "N s/m"),
+    ],
+)
+def test_a_case_has_the_constants_of_every_law(losses, value, unit):
+    *_, name = losses
+    run = prepare_launch(ELLIPSOID, n_i=0.1, omega_xy0=0.01, **losses)
+    found = _plane(run, Units(1.0, 0.01)).losses
+    assert found.keys() == losses.keys()
+    assert (found[name].value, found[name].unit) == (pytest.approx(value), unit)
 
 
 def test_a_form_and_an_engine_exclude_each_other():

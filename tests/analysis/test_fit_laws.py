@@ -157,3 +157,5 @@ def test_verdicts_are_about_a_plane_at_rest(tmp_path):
     path = tmp_path / "stone.yaml"
     path.write_text(SHAKEN + DRIVE)
     assert_refused(invoke("verdict", path), 2, "a verdict is about a plane at rest")
+    with pytest.raises(rs.ConfigError, match="a verdict is about a plane at rest"):
+        rs.verdict(BODY, base={"frequency": "19.5 Hz", "amplitude": "0.1 mm"})

@@ -147,7 +147,7 @@ def test_spins_between_the_thresholds_last():
         ({"pivot": 0.002}, r"dissipation\.viscous.*leave out viscous or pivot"),
         ({"method": "rk4"}, r"integrator\.method: rk4 cannot follow viscous slip"),
         ({"record": "error"}, "errors are not calibrated for paraboloid with viscous"),
-        ({"record": "volume"}, "phase volume of full_slip is not known"),
+        ({"record": "volume"}, "phase volume is not known with viscous; leave"),
         ({"record": "lyapunov"}, "needs paraboloids without dissipation"),
     ],
 )

@@ -440,17 +440,14 @@ def _body(run: PreparedRun, units: Units) -> Body:
 def _plane(run: PreparedRun, units: Units) -> Plane:
     """Return gravity and friction in SI units."""
     losses = {name: float(values[0]) for name, values in run.launches.losses.items()}
-    if losses.get("base_acceleration", 0.0) > 0:
-        raise ConfigError(
-            "base: no format has a plane that shakes; leave it out to export the body"
-        )
     friction = losses.pop("mu", None)
     if friction is not None and not math.isfinite(friction):
         friction = None
     in_si = {}
     for name, value in losses.items():
         if value > 0:
-            size, unit = units.sizes[LOSSES[name].unit]
+            # A coefficient of friction has no unit.
+            size, unit = units.sizes.get(LOSSES[name].unit, (1.0, "1"))
             meaning = LOSSES[name].meaning
             in_si[name] = LossConstant(value=size * value, unit=unit, meaning=meaning)
     return Plane(gravity=units.gravity, friction=friction, losses=in_si)
