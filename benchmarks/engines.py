@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 from machine import ROOT, heading
@@ -169,7 +170,7 @@ def ladder(case: dict, engine: str, steps: Sequence[float]) -> None:
         print(f"{engine} | {case['name']} | no pivoting friction here")
         return
     numbers = numbers_of(EngineCase.model_validate(case))
-    adapter = import_module(f"{HERE}.{engine}")
+    adapter = adapter_of(engine)
     errors: list[float] = []
     for step in steps:
         seen = frame.run(adapter, numbers, step * time_unit(case))
@@ -186,12 +187,18 @@ def ladder(case: dict, engine: str, steps: Sequence[float]) -> None:
         )
 
 
+def adapter_of(engine: str) -> Any:
+    """Return an engine's adapter; that of Jolt, which has balls alone, is here."""
+    return import_module("jolt" if engine == "jolt" else f"{HERE}.{engine}")
+
+
 def is_installed(name: str) -> bool:
     """Print the versions of an engine's packages, or how to install them."""
     try:
-        adapter = import_module(f"{HERE}.{name}")
+        adapter = adapter_of(name)
     except ImportError:
-        print(f"{name} | not installed: pip install {ENGINES[name].installs}")
+        installs = "culverin" if name == "jolt" else ENGINES[name].installs
+        print(f"{name} | not installed: pip install {installs}")
         return False
     print(*(f"{each} {version(each)}" for each in adapter.PACKAGES), sep=", ")
     return True

@@ -29,6 +29,7 @@ EngineName = Literal[
     "drake",
     "dart",
     "motrix",
+    "genesis",
     "bullet",
     "rapier",
     "exudyn",

@@ -34,6 +34,24 @@ def test_a_fault_is_ten_times_the_tolerance_off(scenes):
         assert off >= 10 * scene["tolerance"], name
 
 
+def test_the_scene_of_a_larger_body_is_similar(scenes):
+    import faults
+
+    for name, scene in scenes.items():
+        larger = faults.larger(scene, 100.0)
+        ratios = []
+        for each in (scene, larger):
+            size = each["semi_axes"][2]
+            energies = 0.5 * np.square(each.get("omega", [0, 0, 0])) @ each["inertia"]
+            energies += 0.5 * np.sum(np.square(each.get("velocity", [0, 0, 0])))
+            fallen = 0.5 * GRAVITY * each["until"] ** 2 / size
+            turned = each["step"] * np.linalg.norm(each.get("omega", [0, 0, 0]))
+            flat = each["semi_axes"][0] / size
+            ratios.append([energies / (GRAVITY * size), fallen, turned, flat])
+        assert ratios[1] == pytest.approx(ratios[0], rel=1e-12), name
+        assert larger["semi_axes"][2] == pytest.approx(100 * scene["semi_axes"][2])
+
+
 def test_a_free_body_turns_over(scenes):
     scene = scenes["turns-over"]
     i1, i2, i3 = scene["inertia"]
@@ -167,11 +185,14 @@ def test_a_spheroid_rolls_in_a_circle(scenes):
         ("drake", "turns-over", True),
         ("drake", "circles", False),
         ("rapier", "marble", False),
+        ("jolt", "bead", True),
+        ("jolt", "marble", True),
     ],
 )
 def test_engines_have_a_fault_or_not(scenes, engine, name, right):
-    pytest.importorskip({"drake": "pydrake", "rapier": "rapier3d"}.get(engine, engine))
+    packages = {"drake": "pydrake", "rapier": "rapier3d", "jolt": "culverin"}
+    pytest.importorskip(packages.get(engine, engine))
     import faults
 
     off = abs(faults.measured(engine, scenes[name]) - scenes[name]["expected"])
-    assert (off <= scenes[name]["tolerance"]) is right
+    assert (off <= scenes[name]["tolerance"]) == right

@@ -49,7 +49,7 @@ class PhysicsEngine:
 ENGINES: Mapping[str, PhysicsEngine] = {
     "mujoco": PhysicsEngine("MuJoCo", "mujoco", 0.01, reads_mjcf=True, pivots=True),
     "mjx": PhysicsEngine("MJX", "mujoco-mjx", 0.01, reads_mjcf=True, pivots=True),
-    "newton": PhysicsEngine("Newton", "newton", 0.01),
+    "newton": PhysicsEngine("Newton", "newton", 0.01, pivots=True),
     "drake": PhysicsEngine("Drake", "drake", 0.01),
     "dart": PhysicsEngine("DART", "dartpy", 0.01),
     "motrix": PhysicsEngine("MotrixSim", "motrixsim", 0.01, reads_mjcf=True),
@@ -59,10 +59,16 @@ ENGINES: Mapping[str, PhysicsEngine] = {
 }
 """The engines by name; the adapter of each is the module of its name."""
 
+UNTRIED: Mapping[str, str] = {
+    "genesis": "no run of Genesis 1.4.5 has ended here, so there is no file for it; "
+    "take the model of --portable, or --engine mujoco",
+}
+"""Engines without a file, and why."""
+
 
 def check_name(path: Path, engine: str) -> None:
     """Raise a ConfigError if a file would hide a package that it imports."""
-    if path.stem in {engine, ENGINES[engine].installs}:
+    if engine in ENGINES and path.stem in {engine, ENGINES[engine].installs}:
         raise ConfigError(
             f"path {path}: a file of this name hides the package that it imports; "
             f"call it {path.stem}_run.py"
@@ -70,7 +76,9 @@ def check_name(path: Path, engine: str) -> None:
 
 
 def check_run(run: PreparedRun, engine: str) -> None:
-    """Raise a ConfigError if an engine has no such body or no such friction."""
+    """Raise a ConfigError if an engine has no file, or no such body or friction."""
+    if engine in UNTRIED:
+        raise ConfigError(f"engine: {UNTRIED[engine]}")
     check_model(run, ENGINES[engine].title, ENGINES[engine].pivots)
 
 

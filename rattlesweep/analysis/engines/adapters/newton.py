@@ -14,7 +14,7 @@ def build(case, step):
     wp.config.quiet = True
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, -case["gravity"]))
     rubs = builder.ShapeConfig(
-        density=0.0, mu=case["friction"], mu_torsional=0.0, mu_rolling=0.0
+        density=0.0, mu=case["friction"], mu_torsional=case["lever"], mu_rolling=0.0
     )
     w, *xyz = case["quaternion"]
     stone = builder.add_body(
