@@ -30,11 +30,11 @@ FIGURES = {
         "trajectory --preset GH --n-i -0.3 --omega-xy0 0.1 --t-end 4e4 "
         "--section omega_y=0+"
     ),
-    "compare": "compare out/quickstart out/loose",
+    "compare": "compare out/quickstart out/tol-1e-7",
 }
 RUNS = (
     "run configs/quickstart.yaml -q --output out/quickstart",
-    "run configs/quickstart.yaml -q --set integrator.tol=1e-7 --output out/loose",
+    "run configs/quickstart.yaml -q --set integrator.tol=1e-7 --output out/tol-1e-7",
 )
 
 

@@ -196,6 +196,28 @@ def test_an_impossible_target_is_refused():
     )
 
 
+@pytest.mark.parametrize(("name", "value"), [("K_r", 0.05), ("K_p", 0.4)])
+def test_a_target_is_refused_where_the_sampler_would_give_up(name, value):
+    """The check draws by NumPy, the sampler in a kernel."""
+    outcomes = set()
+    for seed in range(12):
+        for draws in (1, 2, 4, 8, 16, 32, 64):
+            target = {name: [value], "rel_tol": 0.05, "max_draws": draws}
+            source = plan(drawn(1, target=target), seed=seed).source
+            by_check, by_sampler = None, None
+            try:
+                source.check_targets()
+            except ConfigError as error:
+                by_check = str(error)
+            try:
+                source.bodies(value, np.arange(1))
+            except ConfigError as error:
+                by_sampler = str(error)
+            assert by_check == by_sampler
+            outcomes.add(by_check is None)
+    assert outcomes == {True, False}
+
+
 def test_the_first_axis_of_a_grid_varies_slowest():
     axes = {
         "theta": {"linspace": [0.6, 0.9, 4]},

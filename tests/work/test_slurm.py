@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import sweeping
 from hardship import wait_until
 
 import rattlesweep as rs
+from rattlesweep.compiling import loading
 from rattlesweep.config.read import load_config
 from rattlesweep.design.plan import make_plan
 from rattlesweep.words.errors import ConfigError
@@ -171,6 +173,27 @@ def test_script_asks_for_what_it_was_told_and_is_clean(home, cluster):
         script(home, memory="lots")
     with pytest.raises(ConfigError, match="with a line break cannot stand in a script"):
         script(home, "spin.n_i=0.1\n")
+
+
+def test_a_script_for_bodies_with_targets_needs_no_kernel(home, monkeypatch):
+    """The login node may have another processor than those that run the sweep."""
+
+    def load(recipe, *names):
+        pytest.fail(f"{recipe.__name__} {names} is loaded")
+
+    monkeypatch.setattr(loading, "_loaded", {})
+    monkeypatch.setattr(loading, "_compile", lambda wanted: None)
+    monkeypatch.setattr(loading, "_load", load)
+    config = home / "sweep.yaml"
+    targets = "bodies.target={K_r: [0.01, 0.1]}"
+    done = sweeping.invoke("slurm", config, "--shards", 2, "--set", targets)
+    assert done.exit_code == 0
+    assert "#SBATCH --array=0-1" in done.stdout
+    done = sweeping.invoke(
+        "slurm", config, "--shards", 2, "--set", f"{targets[:-1]}, max_draws: 1}}"
+    )
+    assert done.exit_code == 2
+    assert "bodies.target.K_r: 0.01 was not met to 0.001 in 1 draws" in done.stderr
 
 
 def test_limits_are_read_as_slurm_reads_them():
