@@ -19,7 +19,7 @@ import numba
 import numpy as np
 import peer_work
 from machine import heading, in_turns
-from numba import float64, njit, typeof
+from numba import float64, int64, njit, typeof
 
 from rattlesweep.compiling.intrinsics import widest_vectors
 from rattlesweep.kernel.batch import integrate
@@ -47,7 +47,7 @@ SETTINGS = (
 def products(tableau: Tableau) -> int:
     """Return the products of one step for one lane; 0 if the code is not x86's."""
     step = njit(**OPTIONS)(write_attempt(tableau, FULL, 1))
-    step.compile((typeof(problem_of(FULL, 1)), float64[::1], float64))
+    step.compile((typeof(problem_of(FULL, 1)), float64[::1], float64, int64))
     (code,) = step.inspect_asm().values()
     count = 0
     for packed, register in PRODUCT.findall(code):

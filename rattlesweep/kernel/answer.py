@@ -155,20 +155,21 @@ def answer_rates(problem, asked, w, l, status, move, goes_on, reversals_recorded
     return status, move
 
 
-def answer_for_all(problem, asked, w, due):
+def answer_for_all(problem, asked, w, given):
     """Do what is asked for all lanes.
 
-    PLAN returns whether lanes that roll try a step in this turn and whether some slide,
-    DECIDE which lanes are ``due`` and 0, others nothing of use.
+    PLAN returns whether lanes that roll try a step in this turn and whether some slide.
+    OBSERVE is given how many lanes are used. DECIDE is given which lanes are due, and
+    returns which are and 0.  Others return nothing of use.
     """
     if asked == PLAN:
         rolls, some_slide = problem.modes.plan(problem, w)
         return 1 if rolls else 0, 1 if some_slide else 0
     if asked == OBSERVE:
-        problem.modes.observe_limit(problem, w)
+        problem.modes.observe_limit(problem, w, given)
     elif asked == ADVANCE:
         problem.modes.advance(problem, w)
         problem.tangents.advance(problem, w)
     else:
-        return problem.modes.decide(problem, w, due), 0
+        return problem.modes.decide(problem, w, given), 0
     return OK, 0

@@ -25,6 +25,7 @@ from rattlesweep.kernel.event.zeros import HOLD
 from rattlesweep.kernel.method.tableau import DT, MAX_STEPS, TOL, Tableau
 from rattlesweep.kernel.outcome import Batch
 from rattlesweep.kernel.state.fields import (
+    GROUP,
     HELD,
     N_SLIP,
     NEVER,
@@ -124,7 +125,7 @@ def record_steps(
         crossed = lane.t_crossed
         reversals_before = lane.reversals
         lane.n_after = NEVER  # no peak of a turn is searched
-        due = turn.try_step(problem, traits, parts, w, options, recording)
+        due = turn.try_step(problem, traits, parts, w, options, recording, GROUP)
         if due & 1 != 0:
             status, move = turn.call_closer(traits, parts, w, 0, max_steps, recording)
             ended = status != OK or (move != HOLD and lane.last > 0.0)
@@ -200,7 +201,7 @@ def states_after(
                 lane.mode = SLIDING
             elif not traits.pivots:
                 lane.mode = ROLLING
-        call(parts[turn.ATTEMPT], (w, scale))
+        call(parts[turn.ATTEMPT], (w, scale, problem.lanes))
         if traits.slides:
             call(parts[turn.SLIDE], (w, scale, False, 0))
         end = problem.first + traits.n_end

@@ -131,7 +131,7 @@ def attempt_recipe(tableau_name: str, model_name: str, extra: str = "") -> Kerne
         written = write_implicit(model)
     else:
         written = write_attempt(tableau, model, volume=extra == "volume")
-    return Kernel(written, (problem_of(model), FLAT, 1.0), OPTIONS)
+    return Kernel(written, (problem_of(model), FLAT, 1.0, LANES), OPTIONS)
 
 
 def answer_recipe(model_name: str, rim: str = "") -> Kernel:

@@ -44,7 +44,16 @@ from rattlesweep.kernel.event.zeros import (
 from rattlesweep.kernel.look import late
 from rattlesweep.kernel.mode import modes
 from rattlesweep.kernel.runs import recorded
-from rattlesweep.kernel.state.fields import HELD, NEVER, PEAK, PIVOTING, STEP, Point
+from rattlesweep.kernel.state.fields import (
+    GROUP,
+    HELD,
+    NEVER,
+    PEAK,
+    PIVOTING,
+    SLIDING,
+    STEP,
+    Point,
+)
 from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.kernel.state.statuses import (
     AT_LIMIT,
@@ -359,10 +368,11 @@ def look(parts, w, stage, recording):
 
 
 @njit(forceinline=True, **INNER)
-def try_step(problem, traits, parts, w, options, recording):
-    """Try a step on every lane, decide on it, and return which lanes are due.
+def try_step(problem, traits, parts, w, options, recording, used):
+    """Try a step on the first lanes, decide on it, and return which of them are due.
 
-    Lanes may wait for a turn that more lanes share (`slots.plan_sliding`).
+    The first ``used`` lanes are whole groups.  Lanes may wait for a turn that more
+    lanes share (`slots.plan_sliding`).
     """
     rolls = True
     some_slide = False
@@ -371,9 +381,9 @@ def try_step(problem, traits, parts, w, options, recording):
         rolls = planned[0] != 0
         some_slide = planned[1] != 0
     if rolls:
-        call(parts[ATTEMPT], (w, options.scale))
+        call(parts[ATTEMPT], (w, options.scale, used))
         if traits.limited:
-            call_for_pair(parts[ANSWER_FOR_ALL], (answer.OBSERVE, w, 0))
+            call_for_pair(parts[ANSWER_FOR_ALL], (answer.OBSERVE, w, used))
         if recorded(recording.contact):
             look(parts, w, looks.ROLLED, recording)
     if some_slide:
@@ -385,7 +395,7 @@ def try_step(problem, traits, parts, w, options, recording):
     due = decide(problem, traits, w, options.fixed_step, options.most_steps)
     if some_slide:
         due, _ = call_for_pair(parts[ANSWER_FOR_ALL], (answer.DECIDE, w, due))
-    return due
+    return due & ((1 << used) - 1)
 
 
 def look_closer(problem, traits, parts, w, l, max_steps, goes_on, reversals, marks):
@@ -544,6 +554,27 @@ def next_run(problem, traits, parts, w, l, shared, order, inputs):
     return False
 
 
+@njit(**INNER)
+def close_ranks(problem, traits, parts, w, used):
+    """Let the last runs of a thread lie in the first lanes; return how many are used.
+
+    A lane that slides stays where it is, as its step may be in a block.
+    """
+    free = 0
+    for l in range(used - 1, -1, -1):
+        lane = lane_of(problem, w, l)
+        if lane.run >= 0.0 and lane.mode != SLIDING:
+            while free < l and lane_of(problem, w, free).run >= 0.0:
+                free += 1
+            if free < l:
+                for k in range(traits.n_fields):
+                    w[k * problem.lanes + free] = w[k * problem.lanes + l]
+                ask(parts, answer.IDLE, w, l)
+        if lane.run >= 0.0:
+            return (l // GROUP + 1) * GROUP
+    return 0
+
+
 def work_off(
     problem,
     traits,
@@ -572,8 +603,9 @@ def work_off(
         if next_run(problem, traits, parts, w, l, shared, order, inputs):
             busy += 1
     turns = 0
+    used = problem.lanes
     while busy > 0:
-        due = try_step(problem, traits, parts, w, options, recording)
+        due = try_step(problem, traits, parts, w, options, recording, used)
         while due != 0:
             l = lowest_bit(due)
             due &= due - 1
@@ -618,6 +650,8 @@ def work_off(
         if watching:
             watch(problem, traits, parts, w, recording)
         commit(problem, traits, parts, w)
+        if used - busy >= GROUP:
+            used = close_ranks(problem, traits, parts, w, used)
         turns += 1
         if turns % TURNS_PER_REPORT == 0:
             if fetch_add(shared, STOP, 0) != 0:

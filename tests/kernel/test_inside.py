@@ -1,11 +1,12 @@
 """What a rough look tells of a function within a step."""
 
-from math import cos, pi
+from math import ceil, cos, inf, pi
 
 import numpy as np
 import pytest
 
 from rattlesweep.kernel.look import inside
+from rattlesweep.kernel.mode import pivots
 
 
 @pytest.mark.parametrize(("frequency", "longest"), [(1, inside.GLANCED), (2, 2.7)])
@@ -27,3 +28,22 @@ def test_a_rough_look_leaves_out_what_stays_far_from_zero():
         for phase in np.linspace(0, 2 * pi, 60):
             points = (phase, phase + angle / 2, phase + angle)
             assert not may_dip(*(3 + cos(x) for x in points), angle)
+
+
+@pytest.mark.parametrize("frequency", [0.5, 1, 2])
+def test_a_followed_harmonic_falls_no_further_between_looks(frequency):
+    """The looks and the bound are those of `pivots.may_fall_within`."""
+    followed = pivots.followed.py_func
+    for angle in np.linspace(inside.GLANCED, 9, 20):
+        pieces = ceil(angle / inside.SPACING)
+        for phase in np.linspace(0, 2 * pi, 60):
+            seen = inf, -inf, 0.0, 0.0, 0.0
+            for k in range(pieces + 1):
+                value = cos(phase + frequency * angle * k / pieces)
+                seen = followed(seen, value, k)
+            low, top, bend, _, _ = seen
+            dense = np.cos(phase + frequency * np.linspace(0, angle, 2000))
+            share = inside.FOLLOWED + inside.INTERPOLATED * inside.GLANCED**6
+            assert low - share * (top - low) - 0.125 * bend <= dense.min()
+            # Nor is it of much use to search what is this far from zero.
+            assert low - share * (top - low) - 0.125 * bend > dense.min() - 0.3

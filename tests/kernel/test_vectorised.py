@@ -9,7 +9,7 @@ from functools import cache
 
 import kernels
 import pytest
-from numba import float64, njit, typeof
+from numba import float64, int64, njit, typeof
 
 from rattlesweep.compiling.intrinsics import INNER
 from rattlesweep.kernel import recipes, tangents, turn
@@ -80,7 +80,7 @@ def piece(name, method, model):
     problem = typeof(kernels.problem(model))
     if name == "attempt":
         return assembly(
-            kernels.attempt(method, model), (problem, float64[::1], float64)
+            kernels.attempt(method, model), (problem, float64[::1], float64, int64)
         )
     function, arguments = PIECES[name]
     return assembly(function, (problem, *arguments))

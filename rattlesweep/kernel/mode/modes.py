@@ -44,6 +44,7 @@ from rattlesweep.kernel.look import inside
 from rattlesweep.kernel.mode import pivots, slides
 from rattlesweep.kernel.state.fields import (
     DIFFERENCE,
+    GROUP,
     PIVOTING,
     ROLLING,
     SLIDING,
@@ -247,21 +248,22 @@ def observe_margin(
     """
 
     @njit(fastmath=FASTMATH, **INNER)
-    def observe_limit(problem, w):
+    def observe_limit(problem, w, used):
         widest_vectors()
-        for l in range(problem.lanes):
-            lane = lane_of(problem, w, l)
-            start = lane.margin0
-            half = margin(lane, inside.middle(lane), inside.middle_rate(lane))
-            end = margin(lane, lane.y1, lane.f1)
-            angle = lane.h * lane.swing
-            dips = inside.may_dip(start, half, end, angle)
-            swings = not is_calm(lane)
-            leaves = 1.0 if (swings if angle > inside.GLANCED else dips) else 0.0
-            watched = lane.watched
-            lane.margin1 = end
-            lane.leaves = leaves
-            lane.watched = watched + leaves
+        for first in range(0, used, GROUP):
+            for l in range(first, first + GROUP):
+                lane = lane_of(problem, w, l)
+                start = lane.margin0
+                half = margin(lane, inside.middle(lane), inside.middle_rate(lane))
+                end = margin(lane, lane.y1, lane.f1)
+                angle = lane.h * lane.swing
+                dips = inside.may_dip(start, half, end, angle)
+                swings = not is_calm(lane)
+                leaves = 1.0 if (swings if angle > inside.GLANCED else dips) else 0.0
+                watched = lane.watched
+                lane.margin1 = end
+                lane.leaves = leaves
+                lane.watched = watched + leaves
 
     return observe_limit
 
@@ -294,14 +296,14 @@ def observe_force(
     observe_all = observe_margin(margin, never_calm)
 
     @njit(fastmath=FASTMATH, **INNER)
-    def observe_limit(problem, w):
+    def observe_limit(problem, w, used):
         widest_vectors()
         lifting = 0
         for l in range(problem.lanes):
             lane = lane_of(problem, w, l)
             lifting += 0 if stays(lane) else 1
         if lifting > 0:
-            observe_all(problem, w)
+            observe_all(problem, w, used)
         for l in range(problem.lanes):
             lane = lane_of(problem, w, l)
             calm = stays(lane)
@@ -317,7 +319,7 @@ def observe_force(
 
 
 @njit(**INNER)
-def observe_nothing(problem, w):
+def observe_nothing(problem, w, used):
     """Let no step end at a zero of the limit."""
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)

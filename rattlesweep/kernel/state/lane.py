@@ -66,8 +66,8 @@ class Mode:
     # is_calm(lane): whether it stays positive in a step tried that is short of rims;
     # None where that is not known
     is_calm: Callable[..., bool] | None = None
-    # observe_limit(problem, w): compute the limit for the lanes that move so, where
-    # that of most lanes is another
+    # observe_limit(problem, w, used): compute the limit for those of the first ``used``
+    # lanes that move so, where that of most lanes is another
     observe_limit: Callable[..., None] | None = None
     # gives_way(lane): whether the plane may let a spin go that it holds in the step
     # tried, from a closer look
@@ -83,7 +83,8 @@ class ModeSet:
     limit: Callable[..., Point]
     # margin(lane, y, f): that of the mode in which most lanes are
     margin: Callable[..., float]
-    # observe_limit(problem, w): tell which steps tried may end at a zero of the limit
+    # observe_limit(problem, w, used): tell which steps tried on the used lanes
+    # may end at a zero of the limit
     observe_limit: Callable[..., None]
     # look(lane): compute the limit at the ends of a step tried that is to be searched
     look: Callable[..., None]

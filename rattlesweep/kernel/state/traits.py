@@ -18,6 +18,7 @@ class Traits(NamedTuple):
     """
 
     adaptive: bool  # the method controls its steps
+    n_fields: int  # rows of the fields of a lane
     n_state: int  # numbers of the state
     n_end: int  # of the state, its derivative, tangents and theirs
     n_constants: int
@@ -34,6 +35,7 @@ def traits_of(problem: Problem, model: Model, *, adaptive: bool) -> Traits:
     """Return the traits of a model, whose problem may have a rim."""
     return Traits(
         adaptive=adaptive,
+        n_fields=problem.layout.stages,
         n_state=model.n_state,
         n_end=2 * (1 + model.n_tangents) * model.n_state,
         n_constants=model.n_constants,

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from rattlesweep.compiling.intrinsics import INNER
 from rattlesweep.compiling.loading import import_written
 from rattlesweep.kernel.method.tableau import Row, Tableau
-from rattlesweep.kernel.state.fields import LANES, Layout
+from rattlesweep.kernel.state.fields import GROUP, LANES, Layout
 from rattlesweep.motion.model import Model
 from rattlesweep.physics.full import FASTMATH
 
@@ -29,8 +29,14 @@ from rattlesweep.kernel.state.lane import gather, lane_of, scatter, sums
 '''
 
 
+HEADER = "def attempt(problem, w, scale, used):"
+
+
 class _Attempt:
-    """Writes ``attempt(problem, w, scale)``, where ``scale = 1 / tol**2``."""
+    """Writes ``attempt(problem, w, scale, used)``, where ``scale = 1 / tol**2``.
+
+    The first ``used`` lanes are stepped, which are whole groups.
+    """
 
     def __init__(
         self, tableau: Tableau, model: Model, lanes: int, volume: bool
@@ -44,7 +50,7 @@ class _Attempt:
         # Definitions of the readers and writers of cells, and the lines of the
         # function.
         self.cells: list[str] = []
-        self.lines = ["def attempt(problem, w, scale):", "    widest_vectors()"]
+        self.lines = [HEADER, "    widest_vectors()"]
         self.indent = 4
         if volume:
             self.loop("lane.volume_rate1 = 0.0")
@@ -224,11 +230,7 @@ class _Attempt:
 
     def loop(self, *body: str, barriers: bool = False) -> None:
         """Write a loop over lanes."""
-        lines = [
-            f"for l in range({self.lanes}):",
-            "    lane = lane_of(problem, w, l)",
-        ]
-        lines += ["    " + line for line in body]
+        lines = loop_over_lanes(self.lanes, body)
         if barriers:
             lines = ["barrier()", *lines, "barrier()"]
         self.lines += [" " * self.indent + line for line in lines]
@@ -240,6 +242,20 @@ SEEN = (
     "lane.rate1 = problem.model.spin_rate(y, f)",
     "lane.amplitude = problem.model.amplitude(y, lane.probe)",
 )
+
+
+def loop_over_lanes(lanes: int, body: Sequence[str]) -> list[str]:
+    """Return the lines of a loop over the lanes that are used.
+
+    The inner loop has a known length, so that no remainder is left of its vectors.
+    """
+    group = min(GROUP, lanes)
+    return [
+        f"for first in range(0, used, {group}):",
+        f"    for l in range(first, first + {group}):",
+        "        lane = lane_of(problem, w, l)",
+        *("        " + line for line in body),
+    ]
 
 
 def span(first: int, count: int) -> str:

@@ -26,7 +26,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.compiling.loading import import_written
 from rattlesweep.kernel.method.collocation import STAGES
 from rattlesweep.kernel.state.fields import LANES, Layout
-from rattlesweep.kernel.step.explicit import SEEN, span
+from rattlesweep.kernel.step.explicit import HEADER, SEEN, loop_over_lanes, span
 from rattlesweep.kernel.step.radau import METHOD
 from rattlesweep.motion.model import Model
 
@@ -67,7 +67,7 @@ _INVERSE = np.linalg.inv(BASIS)
 
 
 class _Attempt:
-    """Writes ``attempt(problem, w, scale)``, where ``scale = 1 / tol**2``."""
+    """Writes what that of `step.explicit` does."""
 
     def __init__(self, model: Model, lanes: int) -> None:
         assert model.chart is not None
@@ -86,7 +86,7 @@ class _Attempt:
         self.moving = self.rates + STAGES * self.n
         self.stiffness = self.moving + STAGES * self.n_place
         self.cells: list[str] = []
-        self.lines = ["def attempt(problem, w, scale):", "    widest_vectors()"]
+        self.lines = [HEADER, "    widest_vectors()"]
         self.begin()
         self.sweep(4)
         self.lines.append(f"    for _ in range({SWEEPS - 1}):")
@@ -286,11 +286,7 @@ class _Attempt:
 
     def loop(self, *body: str, indent: int) -> None:
         """Write a loop over lanes."""
-        lines = [
-            f"for l in range({self.lanes}):",
-            "    lane = lane_of(problem, w, l)",
-            *("    " + line for line in body),
-        ]
+        lines = loop_over_lanes(self.lanes, body)
         self.lines += [" " * indent + line for line in lines]
 
 
