@@ -11,11 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from rattlesweep.analysis import style
 from rattlesweep.analysis.style import REGIME_STYLE, TYPE_STYLE
 from rattlesweep.config.read import read_file
 from rattlesweep.rows.columns import COLUMNS, define
 from rattlesweep.words.errors import ConfigError, describe, hint, one_line
 from rattlesweep.words.quantities import MEASURES, QUANTITIES
+
+LONGEST = 60  # letters of a text that a message may list; captions are longer
 
 ROLES = ("xlabel", "ylabel", "bar", "caption")
 """Names of texts that a figure has once: of the axes, the bar of colours, below."""
@@ -29,6 +32,9 @@ WORDS = {
     name: look.label for name, look in (*TYPE_STYLE.items(), *REGIME_STYLE.items())
 }
 """Legend entries of types and regimes by name."""
+
+ELSEWHERE = (style.OF_THEORY, style.STABLE, style.BONDI)
+"""Further entries, of some figures of a sweep: a file of texts may serve them all."""
 
 
 class Labels:
@@ -97,14 +103,18 @@ class Labels:
     def _check(self) -> None:
         """Refuse a key that is neither a name nor a text of the figure."""
         for key in self._of_text:
-            if key in self._seen or key in SYMBOLS or key in WORDS:
+            if any(key in known for known in (self._seen, SYMBOLS, WORDS, ELSEWHERE)):
                 continue
-            texts = [text for text in self._seen if re.search("[A-Za-z]{2}", text)]
+            texts = sorted(
+                text
+                for text in self._seen
+                if len(text) < LONGEST and re.search("[A-Za-z]{2}", text)
+            )
             advice = hint(
                 key,
-                [*ROLES, *texts, *SYMBOLS, *WORDS],
+                [*ROLES, *texts, *SYMBOLS, *WORDS, *ELSEWHERE],
                 f"give one of {', '.join(ROLES)}, the name of a column or a type, or a "
-                "text as the figure has it",
+                f"text of the figure: {'; '.join(map(repr, texts))}",
             )
             raise ConfigError(
                 f"{self._source}: {describe(key)} is no text of this figure; {advice}"

@@ -8,7 +8,7 @@ import shutil
 import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -90,6 +90,10 @@ SERIES = (
     (BLACK, "X"),
     ("#8A8A8A", "*"),
 )
+# Entries of legends for what theory says.
+OF_THEORY = "theory"
+STABLE = "stable by Bondi's threshold"
+BONDI = "Bondi's threshold"
 THEORY: dict[str, Any] = {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
 
 # Units of columns as formulas.
@@ -147,6 +151,23 @@ CAPTION_SIZE = 7.0  # points; less where the text of the figure is small
 CAPTION_PART = 0.22  # of the height of a figure that does not grow
 # A style file, the name of a style, or settings.
 Style: TypeAlias = "Path | str | Mapping[str, Any] | None"
+
+
+@contextmanager
+def local_numbers() -> Iterator[None]:
+    """Use the decimal sign of the user's locale, as a program that asks for it does.
+
+    Nothing changes unless the settings have ``axes.formatter.use_locale``, or where the
+    system lacks the locale.  It is for commands: in Python, the program has its locale.
+    """
+    before = locale.setlocale(locale.LC_NUMERIC)
+    if mpl.rcParams["axes.formatter.use_locale"]:
+        with suppress(locale.Error):
+            locale.setlocale(locale.LC_NUMERIC, "")
+    try:
+        yield
+    finally:
+        locale.setlocale(locale.LC_NUMERIC, before)
 
 
 @contextmanager

@@ -614,7 +614,12 @@ def plot(
     from rattlesweep.analysis.labels import read_labels
     from rattlesweep.analysis.layout import read_layout
     from rattlesweep.analysis.plots import choose_picture
-    from rattlesweep.analysis.style import save_figure, save_table, styled
+    from rattlesweep.analysis.style import (
+        local_numbers,
+        save_figure,
+        save_table,
+        styled,
+    )
 
     probe_files(*output, data)
     names = ("title", "log", "size", "xlim", "ylim", "caption")
@@ -625,7 +630,8 @@ def plot(
         picture = choose_picture(read_layout(directory), **given)
         if not paths:
             paths = [directory / f"{picture.name}{end}" for end in (".svg", ".png")]
-        save_figure(picture.figure(**looks), paths, dpi)
+        with local_numbers():
+            save_figure(picture.figure(**looks), paths, dpi)
     if data is not None:
         save_table(picture.table(), data)
         paths.append(data)

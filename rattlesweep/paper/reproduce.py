@@ -19,6 +19,7 @@ from rattlesweep.api.style import (
     FAINT,
     check_panels,
     chosen_size,
+    local_numbers,
     save_figure,
     save_table,
     separate_ticks,
@@ -87,7 +88,7 @@ def reproduce(
         for table, rows in tables[name].items():
             save_table(rows, directory / f"{name}_{table}.parquet")
         paths = [directory / f"{name}.{kind}" for kind in FILE_KINDS]
-        with styled(style), mpl.rc_context(_look(style, size)):
+        with styled(style), mpl.rc_context(_look(style, size)), local_numbers():
             _save(figure["draw"], tables[name], paths)
         picture = embedded(*(path.read_bytes() for path in paths))
         embedded_figures.append((name, figure, list(tables[name]), picture))

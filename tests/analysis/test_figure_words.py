@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import itertools
+import locale
+import re
+import shutil
 from pathlib import Path
+from subprocess import run
 from typing import Any
 
 import matplotlib as mpl
@@ -20,6 +24,7 @@ SPINS = [0.1, 0.2, 0.3, 0.4, 0.5]
 PUSHES = [0.01, 0.1]
 SLOW = pytest.mark.slow
 MM = 1 / 25.4
+SIGMAS = {"sigma": [0, 0.001]}
 
 
 def config(sign: int) -> dict[str, Any]:
@@ -47,6 +52,10 @@ def titles(figure: Any) -> list[str]:
 
 def entries(figure: Any) -> list[str]:
     return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def caption(figure: Any) -> str:
+    return figure.get_supxlabel().replace("\n", " ")
 
 
 def colours(figure: Any) -> dict[str, str]:
@@ -121,9 +130,70 @@ def test_a_replaced_symbol_keeps_its_unit_and_types_have_their_names(out):
     assert figure.axes[0].get_xlabel() == r"Spin ($\sqrt{g/a}$)"
 
 
+def test_a_file_of_texts_serves_all_figures_of_a_sweep(out):
+    labels = {
+        "theory": "Theorie",
+        "Bondi's threshold": "Schwelle",
+        "stable by Bondi's threshold": "stabil nach Bondi",
+    }
+    for kind in ("times", "ratio", "fractions", "distribution"):
+        rs.load(out / "down").plot(kind, labels=labels)
+
+
+def test_legends_of_fractions_end_with_theory(out):
+    friction = rs.load(out / "up").plot("times")
+    assert "friction" not in caption(friction)
+    assert entries(rs.load(out / "down").plot("fractions")) == [
+        "R: reverses",
+        "stable by Bondi's threshold",
+    ]
+
+
+def test_the_caption_says_that_theory_has_no_friction(tmp_path):
+    sweep(tmp_path / "lossy", config(1) | {"model": "reduced", "dissipation": SIGMAS})
+    lossy = rs.load(tmp_path / "lossy").plot("times", panels="sigma")
+    assert "mean over all runs, without friction." in caption(lossy)
+
+
+def words_of(path: Path) -> str:
+    """Return the text of an SVG that has its letters."""
+    return re.sub("<[^>]*>", " ", path.read_text().split("</metadata>")[1])
+
+
+@pytest.fixture
+def german(tmp_path, monkeypatch) -> None:
+    """Make the user's locale a German one, which systems seldom have."""
+    if shutil.which("localedef") is None:
+        pytest.skip("localedef is needed, of glibc")
+    made = tmp_path / "de_DE.UTF-8"
+    # It returns 1 where it has warned.
+    run(["localedef", "-i", "de_DE", "-f", "UTF-8", str(made)], capture_output=True)
+    if not made.exists():
+        pytest.skip("the system has no definition of the locale")
+    monkeypatch.setenv("LOCPATH", str(tmp_path))
+    monkeypatch.setenv("LC_ALL", "de_DE.UTF-8")
+
+
+def test_a_style_asks_for_the_decimal_comma_of_the_user(
+    out, tmp_path, monkeypatch, german
+):
+    style = tmp_path / "own.mplstyle"
+    style.write_text("axes.formatter.use_locale: True\nsvg.fonttype: none\n")
+    command = ("plot", out / "up", "--kind", "times", "--output", tmp_path / "own.svg")
+    assert invoke(*command, "--style", style).exit_code == 0
+    drawn = words_of(tmp_path / "own.svg")
+    assert "0,5" in drawn
+    assert not re.search(r"\d\.\d", drawn)
+    # Nothing else of the process has changed.
+    assert locale.localeconv()["decimal_point"] == "."
+    assert invoke(*command).exit_code == 0
+    assert "0,5" not in words_of(tmp_path / "own.svg")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("xyzzy: x\n", "or a text of the figure: "),
         ("theorie: x\n", 'is no text of this figure; did you mean "theory"?'),
         ("yliable: x\n", 'did you mean "ylabel"?'),
         ("ylabel: 3\n", "a text is needed; write it in quotes"),

@@ -29,6 +29,7 @@ from rattlesweep.analysis.fit.search import fit_run
 from rattlesweep.analysis.fit.synthetic import synthetic_film
 from rattlesweep.api.single import launch_of
 from rattlesweep.design.single import Launch
+from rattlesweep.system import console
 
 STONE = ROOT / "configs/fit/stone.yaml"
 DATA = ROOT / "configs/fit/data.csv"
@@ -63,6 +64,13 @@ def test_the_command_prints_what_the_page_shows(tmp_path):
         [rpm * x for x in (printed["values"]["n_i"], *printed["intervals"]["n_i"])]
         + ["rpm"]
     )
+
+
+def test_progress_has_the_time_of_the_processor_and_that_in_all(monkeypatch, capsys):
+    monkeypatch.setattr(console, "LINE_EVERY", 0.0)
+    show = console.Bar(shown=False, lines=True).working("fit")
+    show(159)
+    assert capsys.readouterr().err == "fit, 159 runs, processor 0:00, 0:00 in all\n"
 
 
 def test_exact_data_give_the_truth_back():

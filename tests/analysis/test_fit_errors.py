@@ -221,8 +221,11 @@ def test_a_profile_is_that_of_fits_at_fixed_values(tmp_path):
         best *= fit.unit_of("omega_xy0")[0]
         least = minimize_scalar(chi_squared, bounds=(0.97 * best, 1.03 * best))
         assert least.fun - fit.chi_squared == pytest.approx(increase, rel=1e-3)
-    # The parabola is wrong.
-    assert abs(ends[1] - fit.intervals["sigma"][1]) > 0.05 * ends[1]
+    # The parabola is wrong, and sigma cannot be negative: the fit takes the profile.
+    assert fit.intervals["sigma"] == pytest.approx(ends)
+    half_width = 1.96 * fit.covariance.loc["sigma", "sigma"] ** 0.5
+    assert half_width > fit.values["sigma"]
+    assert abs(ends[1] - fit.values["sigma"] - half_width) > 0.05 * ends[1]
 
     figure = fit.plot_profile(profile, tmp_path / "profile.png")
     (legend,) = figure.legends

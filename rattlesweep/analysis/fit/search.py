@@ -311,12 +311,19 @@ def _result(
     high = estimate.values(np.clip(best.x + half_width, *limits))
     alike, vague = doubts.untold(problem, best.x, half_width, estimate.jacobian)
     push = None
-    if "omega_xy0" in (*alike, *vague) and follows and not is_planned:
-        # Its logarithm is fitted, and a parabola of it ends anywhere.
-        low["omega_xy0"], high["omega_xy0"] = interval_of(estimate, "omega_xy0")
-        push = advised_push(estimate)
+    if follows and not is_planned:
+        is_cut = (best.x - half_width < limits[0]) | (best.x + half_width > limits[1])
+        is_given = np.array([name in problem.priors for name in names])
+        # A parabola that a limit cuts off tells little of the other end either.
+        by_profile = {names[i] for i in np.flatnonzero(is_cut & ~is_given)}
+        if "omega_xy0" in (*alike, *vague):
+            # Its logarithm is fitted, and a parabola of it ends anywhere.
+            by_profile.add("omega_xy0")
+            push = advised_push(estimate)
+        for name in sorted(by_profile):
+            low[name], high[name] = interval_of(estimate, name)
         spin = abs(estimate.values(best.x).get("n_i", problem.launch.n_i or math.inf))
-        if high["omega_xy0"] > spin:
+        if "omega_xy0" in by_profile and high["omega_xy0"] > spin:
             # Any push fits, which is no interval.
             low["omega_xy0"] = high["omega_xy0"] = math.nan
     advised = None

@@ -28,7 +28,6 @@ from rattlesweep.arrays import Floats
 from rattlesweep.statistics.intervals import share, wilson
 
 _FEW = 6  # with fewer values than this, each value of an abscissa has a tick
-_STABLE = "stable by Bondi's threshold"
 
 
 class BinnedFractions(Picture):
@@ -167,6 +166,7 @@ class Fractions(Picture):
         cells = self.counted[0]
         bondi = self.grid(share(cells["bondi"], cells["steady"]))
         entries: dict[str, Handle] = {}
+        stable: list[Handle] = []
         names = [name for name in TYPE_STYLE if name in cells.types]
         has_bondi = bool(np.isfinite(bondi).any())
         if has_bondi and "SS" in names:
@@ -180,14 +180,14 @@ class Fractions(Picture):
                     x.values,
                     within(bondi, place),
                     "k^",
-                    label=_STABLE,
+                    label=style.STABLE,
                     clip_on=False,
                     markersize=4,
                     markeredgecolor="white",
                     markeredgewidth=0.5,
                     zorder=5,
                 )
-                entries[_STABLE] = triangles
+                stable = [triangles]
             scale(axes, "x", x, log)
             if len(x.values) < _FEW:
                 _tick_each(axes, x)
@@ -202,7 +202,8 @@ class Fractions(Picture):
                 "The height of a triangle is the fraction of the bodies whose steady "
                 "spin theory finds stable: |n_c1| < |n_i|."
             )
-        return list(entries.values())
+        kinds = [TYPE_STYLE[name].label for name in names]
+        return [*(entries[kind] for kind in kinds if kind in entries), *stable]
 
     def _stack(
         self,

@@ -33,7 +33,6 @@ MOST_DRAWN = 1200  # values along a side; a panel has fewer pixels
 WIDE_RATIO = 4.0  # ratios are nearer to each other than other quantities
 TYPES_SIDE = "types"
 VALUES = "values"
-BONDI = "Bondi's threshold"
 # Columns that count turns, with the label of none.
 NO_TURNS = {"n_turns": "no turns", "reversals_sure": "no confirmed turns"}
 
@@ -320,7 +319,9 @@ class Map(Picture):
         ]
         if has_bondi:
             handles.append(
-                style.entry(BONDI, color=style.BLACK, linestyle="-", linewidth=1.3)
+                style.entry(
+                    style.BONDI, color=style.BLACK, linestyle="-", linewidth=1.3
+                )
             )
             self.notes.append("Bondi's threshold of the steady spin: |n_i| = |n_c1|.")
         return handles

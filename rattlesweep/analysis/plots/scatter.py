@@ -105,7 +105,7 @@ class Scatter(Picture):
             return []
         ends = axes.get_xlim()
         axes.plot(ends, ends, **THEORY, scalex=False, scaley=len(x) == 1)
-        return [style.entry("theory", **THEORY)]
+        return [style.entry(style.OF_THEORY, **THEORY)]
 
     def _draw_coloured(self, axes: Axes, x: Floats, y: Floats, colour: str) -> None:
         """Draw the points in the colours of a column, with a bar of colours."""

@@ -117,7 +117,7 @@ class Times(Picture):
         theory: dict[str, Any] = dict(THEORY)
         if len(x.values) == 1 and not self.is_relative:
             theory = SINGLE | {"color": style.INK}
-        return [*handles, style.entry("theory", **theory)]
+        return [*handles, style.entry(style.OF_THEORY, **theory)]
 
     @property
     def _count(self) -> int:
@@ -219,15 +219,17 @@ class Times(Picture):
         if self.is_relative:
             self.ylabel = label("ratio")
             quantity = "t_r/t_rGH"
-            theory = "Theory: Garcia and Hubbard's t_rGH."
+            theory = "Theory: Garcia and Hubbard's t_rGH"
         else:
             self.ylabel = label(self.layout.name("t_r"))
             quantity = "the time t_r of the first reversal"
-            theory = "Theory: Garcia and Hubbard's t_rGH, mean over all runs."
+            theory = "Theory: Garcia and Hubbard's t_rGH, mean over all runs"
+        if self.layout.stored.config.dissipation:
+            theory += ", without friction"
         self.notes += [
             f"Mean of {quantity} over the runs that reverse (type R), with its "
             "standard deviation.",
-            theory,
+            f"{theory}.",
         ]
         if drawn > 1 and 1 < len(self.axes[0].values) <= MOST_MARKERS:
             self.notes.append("Markers at one abscissa stand beside each other.")
