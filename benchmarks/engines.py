@@ -29,7 +29,8 @@ from machine import ROOT, heading
 
 from rattlesweep.analysis.engines.adapters import frame
 from rattlesweep.analysis.engines.case import EngineCase
-from rattlesweep.analysis.engines.script import ENGINES, HERE, numbers_of
+from rattlesweep.analysis.engines.script import HERE, numbers_of
+from rattlesweep.words.engines import ENGINES
 
 FOLDER = ROOT / "benchmarks" / "engines"
 LATE = 1.6  # a run ends at so many times the expected first reversal

@@ -22,7 +22,7 @@ from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
 from rattlesweep.analysis.engines.adapters import frame
-from rattlesweep.analysis.engines.script import ENGINES
+from rattlesweep.words.engines import ENGINES
 
 SCENES = ROOT / "benchmarks" / "engines" / "faults.yaml"
 GRAVITY = 9.81

@@ -8,8 +8,8 @@ from rattlesweep.analysis.derived import DerivedQuantity, quantity_of
 from rattlesweep.arrays import with_plain_numbers
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.physics.hertz import Ellipse, ellipse
-from rattlesweep.physics.materials import Material, contact_modulus
+from rattlesweep.physics.friction.hertz import Ellipse, ellipse
+from rattlesweep.physics.friction.materials import Material, contact_modulus
 from rattlesweep.words.quantities import LENGTH, QUANTITIES, RATE, TIME
 from rattlesweep.words.units import natural
 

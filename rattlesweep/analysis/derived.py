@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import full, steady, stone, theory
-from rattlesweep.physics import losses as laws
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.driven import driven_spin, growth_of_drive, spin_of_push
+from rattlesweep.physics.friction import losses as laws
 from rattlesweep.physics.readings import Shape, turning_friction
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import direction, garcia_hubbard
@@ -115,7 +115,7 @@ class DerivedQuantity(NamedTuple):
 class GrowingModes:
     """What pitch and roll gain from the spin and lose; arrays of both, pitch first.
 
-    The formulas are those of :mod:`rattlesweep.physics.losses`, for small spins.
+    The formulas are those of :mod:`rattlesweep.physics.friction.losses`: small spins.
     """
 
     omega: Floats

@@ -33,7 +33,7 @@ WORDS = {
 }
 """Legend entries of types and regimes by name."""
 
-ELSEWHERE = (style.OF_THEORY, style.STABLE, style.BONDI)
+FURTHER_ENTRIES = (style.OF_THEORY, style.STABLE, style.BONDI)
 """Further entries, of some figures of a sweep: a file of texts may serve them all."""
 
 
@@ -103,7 +103,9 @@ class Labels:
     def _check(self) -> None:
         """Refuse a key that is neither a name nor a text of the figure."""
         for key in self._of_text:
-            if any(key in known for known in (self._seen, SYMBOLS, WORDS, ELSEWHERE)):
+            if any(
+                key in known for known in (self._seen, SYMBOLS, WORDS, FURTHER_ENTRIES)
+            ):
                 continue
             texts = sorted(
                 text
@@ -112,7 +114,7 @@ class Labels:
             )
             advice = hint(
                 key,
-                [*ROLES, *texts, *SYMBOLS, *WORDS, *ELSEWHERE],
+                [*ROLES, *texts, *SYMBOLS, *WORDS, *FURTHER_ENTRIES],
                 f"give one of {', '.join(ROLES)}, the name of a column or a type, or a "
                 f"text of the figure: {'; '.join(map(repr, texts))}",
             )

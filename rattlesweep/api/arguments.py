@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
+    from rattlesweep.analysis.fit.measured import MeasuredBody
     from rattlesweep.design.bodies.table import Frame
 
 
@@ -68,6 +69,17 @@ def one_body(body: object, name: str = "body") -> Rattleback:
     raise ConfigError(
         f"{name}: {kind_of(body)} is not a body; give a Rattleback, or GH or KL"
     )
+
+
+def measured_from(body: object) -> MeasuredBody:
+    """Return a body, or the keys of a stone, with the errors of what was measured."""
+    from rattlesweep.analysis.fit.measured import MeasuredBody, measured_body
+
+    if isinstance(body, Mapping):
+        return measured_body(body)
+    if isinstance(body, MeasuredBody):
+        return body
+    return MeasuredBody(one_body(body))
 
 
 def body_columns(bodies: BodiesLike) -> dict[str, Floats]:
@@ -207,6 +219,8 @@ def columns_of_base(base: object, units: Units | None = None) -> dict[str, Float
 
     It is a pair of frequency and acceleration, or a mapping with the keys of a config.
     """
+    from rattlesweep.config.clashes import clashes_of_plane
+
     if not isinstance(base, Mapping):
         if not isinstance(base, tuple | list) or len(base) != 2:
             raise ConfigError(
@@ -222,15 +236,11 @@ def columns_of_base(base: object, units: Units | None = None) -> dict[str, Float
             f"base: direction is {kind_of(direction)}; give vertical or horizontal"
         )
     is_horizontal = direction == HORIZONTAL
-    if "azimuth_deg" in given and not is_horizontal:
-        raise ConfigError(
-            "base: a plane that shakes up and down has no azimuth; leave azimuth_deg "
-            "out, or give direction horizontal"
-        )
-    if "frequency" not in given or ("acceleration" in given) == ("amplitude" in given):
-        raise ConfigError(
-            "base: give frequency, and acceleration or amplitude, and not both"
-        )
+    problems = [text for _, text in clashes_of_plane(given, is_horizontal)]
+    if "frequency" not in given:
+        problems.append("frequency is missing; add it")
+    if problems:
+        raise ConfigError(f"base: {problem}" for problem in problems)
     frequency = numbers("base_frequency", given["frequency"], units)
     if "amplitude" in given:
         stroke = numbers("base_amplitude", given["amplitude"], units)
@@ -309,7 +319,11 @@ def one_number(name: str, value: object, units: Units | None = None) -> float | 
     """Return an argument as one number in the units of the body, or refuse it."""
     if value is None:
         return None
-    array = numbers(name, value, units)
+    return only_number(name, numbers(name, value, units))
+
+
+def only_number(name: str, array: Floats) -> float:
+    """Return the number of an array of no dimension, or refuse several."""
     if array.shape:
         raise ConfigError(
             f"{name}: one number is needed, not an array of shape {array.shape}"
@@ -339,9 +353,7 @@ def names_of(what: str, value: object) -> list[str]:
     return texts
 
 
-def full_states(
-    omega: object, u: object, units: Units | None = None
-) -> dict[str, Floats]:
+def full_states(omega: object, u: object, units: Units | None) -> dict[str, Floats]:
     """Return the columns of full states; without `u` the bodies are upright."""
     if u is None:
         u = (0.0, 0.0, -1.0)

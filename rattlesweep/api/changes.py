@@ -16,7 +16,7 @@ from rattlesweep.analysis.advice import weights_for_skew, with_weights
 from rattlesweep.analysis.contact import patch_under
 from rattlesweep.arrays import Floats
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.physics.materials import MATERIALS
+from rattlesweep.physics.friction.materials import MATERIALS
 from rattlesweep.words.defaults import PATCH_FRICTION
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ _LEAST_LEVER = 0.02  # of the lever that is given
 TRIED = 16  # values of a first search
 REFINED = 6  # values between the two that enclose an answer
 MICRO = 1e-6
-TO_RPM = 30 / math.pi
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.analysis.contact import ContactPatch, patch_under
-from rattlesweep.api.arguments import kind_of, one_body, one_number
+from rattlesweep.api.arguments import kind_of, measured_from, one_number
 from rattlesweep.physics import si
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.physics.materials import MATERIALS, Material
+from rattlesweep.physics.friction.materials import MATERIALS, Material
 from rattlesweep.words.defaults import PATCH_FRICTION, PATCH_SPIN
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.units import require_unit
@@ -91,12 +91,7 @@ def contact_patch(
 
 def _sized(body: Rattleback | str | Mapping[str, Any]) -> Rattleback:
     """Return a body that has a size and a mass, or refuse it."""
-    if isinstance(body, Mapping):
-        from rattlesweep.analysis.fit.measured import measured_body
-
-        stone = measured_body(body).body
-    else:
-        stone = one_body(body)
+    stone = measured_from(body).body
     if stone.units is None or not np.isfinite(stone.units.mass):
         raise ConfigError(
             "body: a patch of contact needs a size and a mass, and this body has none; "

@@ -10,8 +10,9 @@ from rattlesweep.api.single import INTEGRATOR, NumberOrText, prepare_launch
 from rattlesweep.physics import si
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.words.defaults import CASE_NAME, EXPORT_FORMAT
+from rattlesweep.words.engines import ENGINE_NAMES
 from rattlesweep.words.errors import ConfigError
-from rattlesweep.words.names import ENGINE_NAMES, EXPORT_FORMATS
+from rattlesweep.words.names import EXPORT_FORMATS
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.engines.case import EngineCase
@@ -86,8 +87,8 @@ def export_run(
     length: NumberOrText | None,
     name: str,
     path: str | Path | None,
-    engine: str | None = None,
-    portable: bool = False,
+    engine: str | None,
+    portable: bool,
 ) -> tuple[str, EngineCase]:
     """Return the text of an export and its case; write the text if there is a path."""
     from rattlesweep.analysis.engines.case import make_case

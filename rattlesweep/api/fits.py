@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.fit.joint import JointFit
     from rattlesweep.analysis.fit.measured import MeasuredBody, Prior
     from rattlesweep.analysis.fit.result import Fit
-    from rattlesweep.design.single import Launch
+    from rattlesweep.design.launch import Launch
 
 
 def fit(
@@ -199,11 +199,7 @@ def _to_fit(
     losses: Mapping[str, Any],
 ) -> tuple[Launch, MeasuredBody, dict[str, Prior], list[str]]:
     """Return the run of a fit, its body, priors and free parameters."""
-    from rattlesweep.analysis.fit.measured import (
-        MeasuredBody,
-        measured_body,
-        separate,
-    )
+    from rattlesweep.analysis.fit.measured import separate
     from rattlesweep.analysis.fit.search import check_free
 
     launch = launch or {}
@@ -211,17 +207,14 @@ def _to_fit(
         raise ConfigError(f"launch: {arguments.kind_of(launch)} is not a mapping")
     check_names("launch", launch, (*INITIAL_RATES, "psi", "omega", "u"))
     check_names("arguments", losses, LOSSES)
-    if isinstance(body, Mapping):
-        body = measured_body(body)
-    if not isinstance(body, MeasuredBody):
-        body = MeasuredBody(arguments.one_body(body))
+    stone = arguments.measured_from(body)
     values, errors = separate({**launch, **losses})
-    run = launch_of(body.body, base=base, **values)
-    priors = {**body.priors, **_priors(run, errors)}
+    run = launch_of(stone.body, base=base, **values)
+    priors = {**stone.priors, **_priors(run, errors)}
     wanted = arguments.names_of("free", free)
     # What was measured with an error is free as well.
     wanted = [*wanted, *(name for name in priors if name not in wanted)]
-    return run, body, priors, check_free(run, wanted, body)
+    return run, stone, priors, check_free(run, wanted, stone)
 
 
 def _priors(run: Launch, errors: Mapping[str, NumberOrText]) -> dict[str, Prior]:

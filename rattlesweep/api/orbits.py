@@ -127,7 +127,7 @@ def find_orbits(
     ConfigError
         If an argument is wrong, or nothing that nearly returns leads to an orbit.
     """
-    from rattlesweep.analysis.orbits.search import orbits_near
+    from rattlesweep.analysis.orbits.near_returns import orbits_near
 
     run = prepare_launch(body, **launch)
     start = one_number("from_time", from_time, run.units)

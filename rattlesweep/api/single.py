@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias, overload
 import numpy as np
 
 from rattlesweep.api import arguments as arguments
-from rattlesweep.api.arguments import BodiesLike, check_count, numbers, one_number
+from rattlesweep.api.arguments import (
+    BodiesLike,
+    check_count,
+    numbers,
+    one_number,
+    only_number,
+)
 from rattlesweep.arrays import Floats
 from rattlesweep.system.console import Bar
 from rattlesweep.words.errors import ConfigError, ConfigWarning, check_names
@@ -23,9 +29,10 @@ if TYPE_CHECKING:
 
     from rattlesweep.analysis.onerun.course import PreparedRun
     from rattlesweep.design.bodies.table import TableBodies
+    from rattlesweep.design.launch import Launch
     from rattlesweep.design.plan import Plan
-    from rattlesweep.design.single import Launch
     from rattlesweep.physics.body import Rattleback
+    from rattlesweep.physics.si import Units
 
 
 # A number, or text with an SI unit such as "60 rpm".
@@ -206,7 +213,7 @@ def simulate(
     >>> rs.simulate("GH", n_i=0.1, omega_xy0=0.01)
     <Run t_r=112.093878, t_end=112.093878, type=R, status=ok>
     """
-    from rattlesweep.design.single import plan_of_rows
+    from rattlesweep.design.launch import plan_of_rows
 
     check_names(
         "arguments", settings, (*LAUNCH_ARGUMENTS, "record", "threads", "progress")
@@ -249,14 +256,14 @@ def _columns_of_runs(
     t_end: ArrayLike | None,
     psi: ArrayLike | None,
     losses: Mapping[str, ArrayLike],
-    base: object = None,
+    base: object,
 ) -> tuple[dict[str, Floats], tuple[int, ...]]:
     """Return the columns of bodies with their launches, and the shape of the runs.
 
     Launches are in units of the bodies.
     """
     from rattlesweep.design.bodies.table import launched_from, unknown_columns
-    from rattlesweep.design.single import directions, is_full_state
+    from rattlesweep.design.launch import directions, is_full_state
 
     if arguments.is_table(body):
         unused = unknown_columns(arguments.column_names(body))
@@ -265,14 +272,7 @@ def _columns_of_runs(
             warnings.warn(text, ConfigWarning, stacklevel=3)
     columns = arguments.body_columns(body)
     units = arguments.column_units(columns)
-    values = {**spin, "t_end": t_end, **losses}
-    arrays = {
-        name: numbers(name, value, units)
-        for name, value in values.items()
-        if value is not None
-    }
-    if base is not None:
-        arrays |= arguments.columns_of_base(base, units)
+    arrays = _arrays({**spin, "t_end": t_end, **losses}, base, units)
     is_full = is_full_state(omega, u, {**spin, "psi": psi})
     if is_full:
         arrays |= arguments.full_states(omega, u, units)
@@ -281,7 +281,7 @@ def _columns_of_runs(
     columns, shape = arguments.broadcast(_with_launches(columns, arrays, psi))
     columns = {name: column.ravel() for name, column in columns.items()}
     if is_full:
-        columns |= launched_from(columns, "launch")
+        columns |= launched_from(columns)
     elif isinstance(psi, str):
         columns["psi"] = directions(columns, psi)
     return columns, shape
@@ -341,24 +341,23 @@ def launch_of(
     **values: Any,
 ) -> Launch:
     """Return one launch with its numbers in the units of its body."""
-    from rattlesweep.design.single import Launch
+    from rattlesweep.design.launch import Launch
 
     stone = arguments.one_body(body)
     check_names("arguments", values, (*LAUNCH_ARGUMENTS, "e_p0", "e_r0"))
-    present = {name: value for name, value in values.items() if value is not None}
-    integrator = {name: present.pop(name) for name in INTEGRATOR if name in present}
-    base = present.pop("base", None)
+    integrator = {name: values.pop(name, None) for name in INTEGRATOR}
+    base = values.pop("base", None)
     single: dict[str, Any] = {
-        name: one_number(name, value, stone.units) for name, value in present.items()
+        name: only_number(name, column)
+        for name, column in _arrays(values, base, stone.units).items()
     }
     losses = {name: single.pop(name) for name in ACTING if name in single}
-    if base is not None:
-        columns = arguments.columns_of_base(base, stone.units)
-        losses |= {name: _only(name, column) for name, column in columns.items()}
     components: list[float] | None = None
     if omega is not None:
         state = arguments.full_states(omega, u, stone.units)
-        components = [float(state[f"omega_{axis}"]) for axis in "xyz"]
+        components = [only_number("omega", state[f"omega_{axis}"]) for axis in "xyz"]
+        if u is not None:
+            u = [only_number("u", state[f"u_{axis}"]) for axis in "xyz"]
     return Launch(
         stone,
         psi=psi if isinstance(psi, str) else one_number("psi", psi),
@@ -371,17 +370,29 @@ def launch_of(
     )
 
 
-def _only(name: str, column: Floats) -> float:
-    """Return the number of a column of one run, or refuse several."""
-    if column.shape:
-        raise ConfigError(f"base: {name} has the shape {column.shape}; give one number")
-    return float(column)
+def _arrays(
+    values: Mapping[str, Any], base: object, units: Units | None
+) -> dict[str, Floats]:
+    """Return the values of a launch that are given, as arrays in units of the bodies.
+
+    A plane that shakes, `base`, is among them by its columns.
+    """
+    arrays = {
+        name: numbers(name, value, units)
+        for name, value in values.items()
+        if value is not None
+    }
+    if base is not None:
+        arrays |= arguments.columns_of_base(base, units)
+    return arrays
 
 
 def _with_launches(
     columns: dict[str, Floats], arrays: dict[str, Floats], psi: object
 ) -> dict[str, Floats]:
     """Return the columns of bodies with the launches, or else those of their table."""
+    from rattlesweep.design.launch import check_launched
+
     if any(name in arrays for name in (*INITIAL_RATES, *_STATE)):
         replaced = {*INITIAL_RATES, "psi", *_STATE}
         if columns.keys() & replaced:
@@ -397,8 +408,6 @@ def _with_launches(
             )
         columns.pop("psi", None)
     launched = columns | arrays
-    missing = [name for name in INITIAL_RATES if name not in launched]
-    if missing and "u_x" not in launched:
-        names = " and ".join(missing)
-        raise ConfigError(f"{names} missing; give both, or a table with them")
+    if "u_x" not in launched:
+        check_launched([name for name in INITIAL_RATES if name not in launched])
     return launched

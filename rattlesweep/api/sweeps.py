@@ -100,7 +100,7 @@ class Sweep:
         """
         import pyarrow as pa
 
-        from rattlesweep.analysis.table import chosen_batches, schema_of
+        from rattlesweep.analysis.one_table import chosen_batches, schema_of
 
         stored = self._stored
         names = None
@@ -309,8 +309,8 @@ class Sweep:
         import pandas as pd
 
         from rattlesweep.analysis.onerun.replay import find_run
-        from rattlesweep.analysis.orbits.search import orbits_near
-        from rattlesweep.analysis.orbits.tables import table_of_orbits
+        from rattlesweep.analysis.orbits.near_returns import orbits_near
+        from rattlesweep.analysis.orbits.tabulated import table_of_orbits
 
         check_count("most", most)
         keys = self.read(["case", "sample"], where).head(most)

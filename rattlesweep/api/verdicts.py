@@ -257,18 +257,16 @@ def verdict_on(
     _require_mass(stone.body, values)
     drawn, doubts = _drawn(stone, values, errors, samples)
     remarks += doubts
-    bodies = pd.DataFrame(arguments.body_columns([each for each, _ in drawn]))
-    # A size without a mass.
-    bodies = bodies.dropna(axis=1, how="all")
     alternatives: dict[str, dict[str, Any]] = {NO_FRICTION: {}}
     if values:
         words = ", ".join(f"{name} {losses.get(name, given[name])}" for name in values)
         alternatives[words] = {name: given[name] for name in values}
     parts = []
     for friction, own in alternatives.items():
-        constants = pd.DataFrame([each for _, each in drawn])[list(own)]
-        stones = bodies.join(constants.rename(columns=_column))
-        rows = stones.merge(launches, how="cross")
+        stones = [
+            (each, {name: constants[name] for name in own}) for each, constants in drawn
+        ]
+        rows = _rows_of_stones(stones).merge(launches, how="cross")
         found = outcomes(_integrated(rows, VERDICT_TOL))
         tighter = outcomes(_integrated(rows.iloc[: len(launches)], TIGHTER))
         part = judged(found, tighter, VERDICT_TOL)
@@ -307,9 +305,7 @@ def _advice(
     from rattlesweep.api.changes import Trial, changes
 
     def tries(trials: Sequence[Trial], is_check: bool) -> pd.DataFrame:
-        bodies = pd.DataFrame(arguments.body_columns([each.body for each in trials]))
-        constants = pd.DataFrame([dict(each.losses) for each in trials])
-        its = bodies.dropna(axis=1, how="all").join(constants.rename(columns=_column))
+        its = _rows_of_stones([(each.body, each.losses) for each in trials])
         its["n_i_rpm"] = [each.n_i_rpm for each in trials]
         for name in ("omega_xy0_rpm", "t_end_s"):
             its[name] = float(launches[name].iloc[0])
@@ -334,26 +330,33 @@ def _advice(
     return table.assign(t_s=checked["t_s"], sure=checked["turns"].astype(bool))
 
 
+def _rows_of_stones(
+    stones: Sequence[tuple[Rattleback, Mapping[str, float]]],
+) -> pd.DataFrame:
+    """Return bodies and their losses in SI units as rows of a table."""
+    import pandas as pd
+
+    bodies = pd.DataFrame(arguments.body_columns([body for body, _ in stones]))
+    losses = pd.DataFrame([dict(each) for _, each in stones]).rename(columns=_column)
+    # A size may be without a mass.
+    return bodies.dropna(axis=1, how="all").join(losses)
+
+
 def _sized(body: object, length: float | str | None) -> MeasuredBody:
     """Return a body and its errors; without a size of its own, of that of `length`."""
-    from rattlesweep.analysis.fit.measured import MeasuredBody, measured_body
-
-    if isinstance(body, Mapping):
-        body = measured_body(body)
-    if not isinstance(body, MeasuredBody):
-        body = MeasuredBody(arguments.one_body(body))
-    has_size = body.body.units is not None
+    stone = arguments.measured_from(body)
+    has_size = stone.body.units is not None
     if has_size and length is not None:
         raise ConfigError("length: the body has a size already; leave length out")
     if has_size:
-        return body
+        return stone
     if length is None:
         raise ConfigError(
             "length: the body has no size; give the height of its centre of mass, such "
             "as 1 cm"
         )
     height = _in_si("length", length, "length")
-    return replace(body, body=body.body.replace(units=Units(np.nan, height)))
+    return replace(stone, body=stone.body.replace(units=Units(np.nan, height)))
 
 
 def _in_si(name: str, value: Any, kind: str) -> float:

@@ -14,7 +14,17 @@ from typing import Any, NoReturn
 import click
 from click import option
 
-from rattlesweep.cli import bodies, courses, exports, fits, orbits, sweeps, verdict
+from rattlesweep.cli import (
+    bodies,
+    courses,
+    exports,
+    fits,
+    orbits,
+    studies,
+    sweeps,
+    verdict,
+    views,
+)
 from rattlesweep.cli.options import (
     COMMANDS,
     DONE,
@@ -34,8 +44,10 @@ __all__ = [
     "fits",
     "main",
     "orbits",
+    "studies",
     "sweeps",
     "verdict",
+    "views",
 ]
 
 FIRST_LINES = """\

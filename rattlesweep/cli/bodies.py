@@ -70,6 +70,7 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
         one_number,
         require_units,
     )
+    from rattlesweep.config.clashes import clashes_of_slip
 
     probe_files(figure)
     of_mesh = {name: given[name] for name in options.BODY if given[name] is not None}
@@ -83,6 +84,10 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
     numbers: Given = {
         name: one_number(name, value, described.units) for name, value in launch.items()
     }
+    if numbers.get("viscous"):
+        pivots = bool(numbers.get("pivot"))
+        for problem in clashes_of_slip(slides="mu" in numbers, pivots=pivots):
+            raise ConfigError(f"--viscous: {problem}")
     if drive is not None:
         of_base = columns_of_base(drive, described.units)
         numbers |= {name: float(value) for name, value in of_base.items()}
@@ -94,7 +99,7 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
     if friction is not None and friction > mu and not numbers.get("viscous"):
         say(f"warning: {SLIPS_AT_REVERSAL.format(friction)}")
     if figure is not None:
-        from rattlesweep.analysis.onerun.meshes import save_figure_of_mesh
+        from rattlesweep.analysis.onerun.sides import save_figure_of_mesh
 
         save_figure_of_mesh(figure, of_mesh, {each.name: each for each in values})
     if as_json:
@@ -143,7 +148,7 @@ def _list_materials(
 ) -> tuple[object, ...]:
     """Print all materials and stop if ``list`` is requested."""
     if materials == ("list",):
-        from rattlesweep.physics.materials import MATERIALS
+        from rattlesweep.physics.friction.materials import MATERIALS
 
         lines = [["", "E, GPa", "nu", ""]]
         for name, each in MATERIALS.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -81,7 +81,6 @@ def run_of_stone(path: Path, given: Given) -> PreparedRun:
     """Return the run of a stone file, with the launch that options replace."""
     from rattlesweep.api.arguments import require_units
     from rattlesweep.api.single import LAUNCH_ARGUMENTS
-    from rattlesweep.api.stones import prepare_stone
 
     for name in pick(given, *options.BODY):
         raise ConfigError(
@@ -91,11 +90,33 @@ def run_of_stone(path: Path, given: Given) -> PreparedRun:
     launch = pick(given, *LAUNCH_ARGUMENTS)
     require_units(launch, stone["body"].body.units, flag)
     try:
-        return prepare_stone(stone, options.SPIN_DEFAULTS, **launch)
+        return prepare_stone(stone, options.SPIN_DEFAULTS, launch)
     except ConfigError as error:
         raise ConfigError(
             [placed(each, path, (), None) for each in error.messages]
         ) from None
+
+
+def prepare_stone(
+    stone: Mapping[str, Any], defaults: Mapping[str, Any], launch: Mapping[str, Any]
+) -> PreparedRun:
+    """Return the run of a stone file, as :func:`read_stone` has it, with its values.
+
+    Standard errors are left out.  What is in `launch` replaces the values of the file,
+    and `defaults` stand for a spin or an oscillation that neither has.
+    """
+    from rattlesweep.analysis.fit.measured import separate
+    from rattlesweep.api.single import LAUNCH_ARGUMENTS, prepare_launch
+    from rattlesweep.words.quantities import LOSSES
+
+    losses = {name: stone[name] for name in LOSSES if stone.get(name) is not None}
+    values, _ = separate({**stone["launch"], **losses})
+    values = {name: values[name] for name in values if name in LAUNCH_ARGUMENTS}
+    values["base"] = stone.get("base")
+    values |= launch
+    if "omega" not in values:
+        values = {**defaults, **values}
+    return prepare_launch(stone["body"].body, **values)
 
 
 @contextmanager

@@ -27,6 +27,7 @@ from rattlesweep.words.defaults import (
     MESH_UNIT,
     ROWS_A_PERIOD,
 )
+from rattlesweep.words.engines import ENGINE_NAMES
 from rattlesweep.words.errors import (
     ConfigError,
     OutputError,
@@ -37,7 +38,6 @@ from rattlesweep.words.errors import (
 from rattlesweep.words.names import (
     ACCURACY_NAMES,
     DOCUMENT_NAMES,
-    ENGINE_NAMES,
     EXPORT_FORMATS,
     MODEL_NAMES,
     PLOT_NAMES,

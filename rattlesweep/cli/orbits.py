@@ -106,7 +106,7 @@ def orbit(
     DIRECTORY whose regime is periodic (`record: [spectrum]`; or --where). A motion that
     returns turned about the vertical is periodic, too. docs/orbits.md explains it.
     """
-    from rattlesweep.analysis.orbits.tables import save_orbits, table_of_orbits
+    from rattlesweep.analysis.orbits.tabulated import save_orbits, table_of_orbits
 
     probe_files(output, figure)
     which = pick(given, "case", "sample", "where")
@@ -145,8 +145,8 @@ def _searched(
     given: dict[str, Any],
 ) -> tuple[pd.DataFrame, list[Orbit]]:
     """Return the orbits near a launch or near runs of a directory, as a table."""
-    from rattlesweep.analysis.orbits.search import orbits_near
-    from rattlesweep.analysis.orbits.tables import table_of_orbits
+    from rattlesweep.analysis.orbits.near_returns import orbits_near
+    from rattlesweep.analysis.orbits.tabulated import table_of_orbits
     from rattlesweep.api.arguments import one_number
     from rattlesweep.api.sweeps import load
 

@@ -83,8 +83,8 @@ class Surfaced(Base):
         None, f"{SURFACE_MEANING}."
     )
 
-    # Their size is known; None if only the rows of a table tell.
-    has_size: ClassVar[bool | None] = False
+    # Whether their size is known.  Of a table, only its rows tell.
+    has_size: ClassVar[bool] = False
 
     def constant(self, name: str) -> Any:
         """Return the value of the key for a further constant of a surface, or None."""
@@ -228,7 +228,6 @@ class TableSource(with_constants(Surfaced, One)):  # type: ignore[misc]
     """Bodies from the rows of a table, in its order."""
 
     texts = ("path",)
-    has_size = None
 
     source: Literal["table"] = key(..., "The rows of a table.")
     path: str = key(

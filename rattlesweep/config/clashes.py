@@ -1,7 +1,7 @@
 """Rules between the keys of a config."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from rattlesweep.config.body_sources import (
     GridSource,
@@ -41,12 +41,23 @@ SETTING_KEYS = {
 
 
 def clashes(config: Config) -> Iterator[Clash]:
-    """Yield a dotted key and a message for each broken rule between keys."""
+    """Yield a dotted key and a message for each broken rule between keys.
+
+    If the bodies are those of a table, :func:`clashes_of_actions` waits for its
+    columns, which may say what acts.
+    """
     yield from _body_clashes(config)
     yield from _empty_sections(config)
     yield from _choices_of_runs(config)
     yield from _launches(config)
-    yield from _units(config)
+    yield from _words(config)
+    if config.bodies.source != FROM_TABLE:
+        yield from _units(config)
+        yield from clashes_of_actions(config)
+
+
+def clashes_of_actions(config: Config) -> Iterator[Clash]:
+    """Yield the broken rules on what acts on bodies, and on what goes with it."""
     yield from _dissipation(config)
     yield from _plane(config)
     yield from _integrator(config)
@@ -98,10 +109,9 @@ def _launches(config: Config) -> Iterator[Clash]:
 
 
 def _units(config: Config) -> Iterator[Clash]:
-    """Refuse units before any body is drawn; the rows of a table may have a size."""
+    """Refuse units, or their lack, before any body is drawn."""
     if config.bodies.has_size:
         yield from numbers_without_unit(config)
-    if config.bodies.has_size is not False:
         return
     for name, values in config.settings.items():
         texts = [value.si.text for value in values if value.si is not None]
@@ -129,25 +139,30 @@ def numbers_without_unit(config: Config) -> Iterator[Clash]:
             yield key, sentence
 
 
-def _dissipation(config: Config) -> Iterator[Clash]:
+def _words(config: Config) -> Iterator[Clash]:
+    """Refuse words in place of numbers where they stand for nothing."""
     losses = config.dissipation
-    table = config.bodies.source == FROM_TABLE
-    if config.horizon.t_decay and not (table or "sigma" in losses.present):
-        yield (
-            "horizon.t_decay",
-            "it is in units of gamma/sigma, and sigma is 0; give dissipation.sigma",
-        )
-    if any(FROM_TABLE in values for values in losses.values.values()) and not table:
-        yield "dissipation", "the word table needs source: table; give a number"
+    if config.bodies.source != FROM_TABLE:
+        sections = {"dissipation": losses, "base": config.base}
+        for name, section in sections.items():
+            values = section.values if section else {}
+            if any(FROM_TABLE in each for each in values.values()):
+                yield name, "the word table needs source: table; give a number"
     if OF_SLIDES in losses.creep and (len(losses.creep) > 1 or not losses.slides):
         yield (
             "dissipation.creep",
             "the word mu stands for dissipation.mu; give that, and no further creep, "
             "or a number",
         )
-    drives = config.base.values if config.base else {}
-    if any(FROM_TABLE in values for values in drives.values()) and not table:
-        yield "base", "the word table needs source: table; give a number"
+
+
+def _dissipation(config: Config) -> Iterator[Clash]:
+    losses = config.dissipation
+    if config.horizon.t_decay and "sigma" not in losses.present:
+        yield (
+            "horizon.t_decay",
+            "it is in units of gamma/sigma, and sigma is 0; give dissipation.sigma",
+        )
     if losses.creeps and not losses.pivots:
         yield (
             "dissipation.creep",
@@ -170,19 +185,24 @@ def _dissipation(config: Config) -> Iterator[Clash]:
 
 def _slipping(config: Config) -> Iterator[Clash]:
     """Refuse what is not defined where the foot slips under viscous friction."""
-    if config.dissipation.slides:
-        yield (
-            "dissipation.viscous",
-            "with viscous friction the foot slips under any force, so it has no limit "
-            "mu; leave out viscous or mu",
-        )
-    if config.dissipation.pivots:
-        yield (
-            "dissipation.viscous",
-            "pivoting is that of a foot that holds, and with viscous friction it "
-            "slips; leave out viscous or pivot",
-        )
+    losses = config.dissipation
+    for problem in clashes_of_slip(slides=losses.slides, pivots=losses.pivots):
+        yield "dissipation.viscous", problem
     yield from _fixed_steps(config, "viscous slip", "dissipation.viscous")
+
+
+def clashes_of_slip(*, slides: bool, pivots: bool) -> Iterator[str]:
+    """Yield what is wrong with viscous friction beside mu or pivoting friction."""
+    if slides:
+        yield (
+            "with viscous friction the foot slips under any force, so it has no limit "
+            "mu; leave out viscous or mu"
+        )
+    if pivots:
+        yield (
+            "pivoting is that of a foot that holds, and with viscous friction it "
+            "slips; leave out viscous or pivot"
+        )
 
 
 def _fixed_steps(config: Config, motion: str, key: str) -> Iterator[Clash]:
@@ -201,18 +221,24 @@ def _plane(config: Config) -> Iterator[Clash]:
     plane = config.base
     if plane is None:
         return
-    if (plane.acceleration is None) == (plane.amplitude is None):
-        yield "base.acceleration", "give acceleration or amplitude, and not both"
-    if plane.azimuth_deg is not None and not plane.is_horizontal:
-        yield (
-            "base.azimuth_deg",
-            "a plane that shakes up and down has no azimuth; leave it out, or add "
-            "direction: horizontal",
-        )
+    given = [name for name, value in plane if value is not None]
+    yield from clashes_of_plane(given, plane.is_horizontal)
     if config.model != "full":
         yield (
             "base",
             f"the plane of the model {config.model} is at rest; take model: full",
+        )
+
+
+def clashes_of_plane(given: Collection[str], is_horizontal: bool) -> Iterator[Clash]:
+    """Yield the broken rules between the keys that are given of a plane."""
+    if ("acceleration" in given) == ("amplitude" in given):
+        yield "base.acceleration", "give acceleration or amplitude, and not both"
+    if "azimuth_deg" in given and not is_horizontal:
+        yield (
+            "base.azimuth_deg",
+            "a plane that shakes up and down has no azimuth; leave azimuth_deg out, or "
+            "add direction: horizontal",
         )
 
 

@@ -10,7 +10,8 @@ from rattlesweep.design.models import constants_of, surface_constant
 from rattlesweep.kernel.outcome import Batch
 from rattlesweep.kernel.runs import N_WINDOWS
 from rattlesweep.motion.model import find_model, reduced_model
-from rattlesweep.physics import full, losses, reduced, theory
+from rattlesweep.physics import full, reduced, theory
+from rattlesweep.physics.friction import losses
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.rows.launches import Launches
 from rattlesweep.words.quantities import ACTING, LOSSES
@@ -85,9 +86,6 @@ def full_batch(launches: Launches) -> Batch:
         frequency = launches.losses["base_frequency"]
         swing = np.maximum(swing, np.where(shakes, frequency, 0.0))
     oscillation = bodies.gamma * (launches.gh.n_0**2 - launches.n_i**2)
-    dead = launches.dead
-    if dead is None:
-        dead = np.zeros(0)
     return Batch(
         y0=y0,
         constants=np.stack(constants, axis=1),
@@ -100,7 +98,7 @@ def full_batch(launches: Launches) -> Batch:
         first_comparison=COMPARISON_PERIODS * 2 * np.pi / slower,
         scale=launches.spin_scale,
         tapped=launches.n_i == 0,
-        dead=dead,
+        dead=launches.dead,
         rim=bodies.rim,
     )
 
@@ -133,9 +131,6 @@ def reduced_batch(launches: Launches) -> Batch:
         values["loss_p"] + values["slip_p"], values["loss_r"] + values["slip_r"]
     )
     fastest_loss = np.maximum(fastest_loss, values["sigma"] / bodies.gamma)
-    dead = launches.dead
-    if dead is None:
-        dead = np.zeros(0)
     return Batch(
         y0=y0,
         constants=np.stack(constants, axis=1),
@@ -150,7 +145,7 @@ def reduced_batch(launches: Launches) -> Batch:
         first_comparison=launches.horizon,
         scale=launches.spin_scale,
         tapped=launches.n_i == 0,
-        dead=dead,
+        dead=launches.dead,
     )
 
 

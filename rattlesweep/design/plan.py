@@ -13,7 +13,11 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.config.body_sources import MeshSource, SdSource, TableSource
-from rattlesweep.config.clashes import SETTING_KEYS, clashes, numbers_without_unit
+from rattlesweep.config.clashes import (
+    SETTING_KEYS,
+    clashes_of_actions,
+    numbers_without_unit,
+)
 from rattlesweep.config.schema import Config
 from rattlesweep.design.bodies import Source
 from rattlesweep.design.bodies.meshes import MeshBodies
@@ -161,15 +165,13 @@ def _with_losses(config: Config, columns: Mapping[str, list[float | str]]) -> Co
             "bodies: the column base_acceleration needs the column base_frequency"
         )
     config = config.with_columns(columns)
-    if columns:
-        # Rules between keys were checked without these columns.
-        problems = [f"{key}: {problem}" for key, problem in clashes(config)]
-        where = ""
-        if isinstance(config.bodies, TableSource) and config.bodies.path:
-            # Otherwise they are arguments of a call.
-            where = f"bodies.path: with {' and '.join(columns)} of the table: "
-        if problems:
-            raise ConfigError(f"{where}{problem}" for problem in problems)
+    where = ""
+    if columns and isinstance(config.bodies, TableSource) and config.bodies.path:
+        # Otherwise they are arguments of a call.
+        where = f"bodies.path: with {' and '.join(columns)} of the table: "
+    problems = [f"{where}{key}: {text}" for key, text in clashes_of_actions(config)]
+    if problems:
+        raise ConfigError(problems)
     return config
 
 

@@ -39,7 +39,7 @@ def prepare_launches(plan: Plan, case: Integers, sample: Integers) -> Launches:
     n_c1 = np.where(bodies.xi > 0, -n_c1, n_c1)
 
     losses: dict[str, Floats] = {}
-    dead = None
+    dead = np.zeros(0)
     for name in config.acting.values if config.acting else ():
         losses[name] = _value(name, plan, case, bodies)
     if "base_amplitude" in losses:

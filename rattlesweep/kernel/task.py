@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats
-from rattlesweep.words.errors import OutputError
+from rattlesweep.system.processors import start_thread
 
 _T = TypeVar("_T")
 # Seconds between two checks of a running call, in every wait of the package.
@@ -129,11 +129,7 @@ class Task(threading.Thread, Generic[_T]):
         # After Ctrl-C in `join`, Python 3.11 reports a running thread as ended; a
         # future is safe.
         self._future: futures.Future[_T] = futures.Future()
-        try:
-            self.start()
-        except RuntimeError as error:
-            advice = "the system's limit of threads or memory is reached"
-            raise OutputError(f"{error}; {advice}") from None
+        start_thread(self)
 
     def run(self) -> None:
         """Make the call, in the thread."""

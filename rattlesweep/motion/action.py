@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from rattlesweep.arrays import Floats
-from rattlesweep.physics import pivoting, shaking, slip, stone
-from rattlesweep.physics.creep import no_rate
+from rattlesweep.physics import shaking, stone
+from rattlesweep.physics.friction import pivoting, slip
+from rattlesweep.physics.friction.creep import no_rate
 from rattlesweep.physics.surface import Formula
 
 Vector3 = tuple[float, float, float]
@@ -81,8 +82,8 @@ class Action:
     tangent: Formula | None = None
 
     # Whether the contact point slips at the velocity that are the first two components,
-    # along h_1 and h_2 of `physics.sliding`, under a friction of its constant times it
-    # (`motion.slipping`).
+    # along h_1 and h_2 of `physics.friction.sliding`, under a friction of its constant
+    # times it (`motion.slipping`).
     slips: bool = False
 
     # The work of all actions is a component of the state.  The name of a further one

@@ -1,7 +1,7 @@
 """Equations of bodies whose patch of contact drifts while it spins.
 
 They correct those of any set of actions that pivots, on any surface and in any chart
-(:mod:`rattlesweep.physics.creep`).
+(:mod:`rattlesweep.physics.friction.creep`).
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -10,9 +10,10 @@ from __future__ import annotations
 from rattlesweep.motion.action import Whereabouts
 from rattlesweep.motion.chart import Chart
 from rattlesweep.motion.sums import ActionSum
-from rattlesweep.physics import creep, stone
+from rattlesweep.physics import stone
+from rattlesweep.physics.friction import creep
+from rattlesweep.physics.friction.sliding import cross
 from rattlesweep.physics.full import scalar
-from rattlesweep.physics.sliding import cross
 from rattlesweep.physics.stone import dot
 from rattlesweep.physics.surface import Formula
 

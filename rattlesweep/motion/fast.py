@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 from rattlesweep.motion.action import PIVOTING, ROLLING, SHAKEN, SWAYED, VISCOUS, Action
 from rattlesweep.motion.chart import ANYWHERE, SLOPES, Chart
-from rattlesweep.physics import pivoting, shaking, stone, vectors
+from rattlesweep.physics import shaking, stone, vectors
+from rattlesweep.physics.friction import pivoting
 from rattlesweep.physics.surface import Formula
 
 

@@ -20,9 +20,9 @@ from rattlesweep.motion.sums import (
     own_rates,
     power_formula,
 )
-from rattlesweep.physics import sliding
+from rattlesweep.physics.friction import sliding
+from rattlesweep.physics.friction.sliding import cross
 from rattlesweep.physics.full import scalar
-from rattlesweep.physics.sliding import cross
 from rattlesweep.physics.surface import (
     Formula,
 )

@@ -1,7 +1,7 @@
 """Equations of bodies whose contact point slips under viscous friction.
 
 They take the place of those of a body that rolls, for any other actions that do not
-pivot, on any surface and in any chart (:mod:`rattlesweep.physics.slip`).
+pivot, on any surface and in any chart (:mod:`rattlesweep.physics.friction.slip`).
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -10,9 +10,9 @@ from __future__ import annotations
 from rattlesweep.motion.action import Action, Whereabouts
 from rattlesweep.motion.chart import Chart
 from rattlesweep.motion.sums import ActionSum, Numbering, power_formula
-from rattlesweep.physics import slip
+from rattlesweep.physics.friction import slip
+from rattlesweep.physics.friction.sliding import cross
 from rattlesweep.physics.full import scalar
-from rattlesweep.physics.sliding import cross
 from rattlesweep.physics.surface import Formula
 
 

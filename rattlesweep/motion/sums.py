@@ -12,9 +12,9 @@ from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.motion.action import Action, Whereabouts
-from rattlesweep.physics import pivoting
+from rattlesweep.physics.friction import pivoting
+from rattlesweep.physics.friction.sliding import cross
 from rattlesweep.physics.full import NO_FORCE, scalar
-from rattlesweep.physics.sliding import cross
 from rattlesweep.physics.stone import dot, force_at, solve_again, triple
 from rattlesweep.physics.surface import Formula
 

@@ -11,7 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rattlesweep.motion.chart import ANYWHERE, Chart
-from rattlesweep.physics import full, sliding, slip, vectors
+from rattlesweep.physics import full, vectors
+from rattlesweep.physics.friction import sliding, slip
 from rattlesweep.physics.full import scalar
 from rattlesweep.physics.surface import Formula
 

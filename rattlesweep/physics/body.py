@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattlesweep.arrays import Floats, with_plain_numbers
 from rattlesweep.physics import si
-from rattlesweep.physics.mesh.doubts import doubts_of
+from rattlesweep.physics.mesh.oddities import doubts_of
 from rattlesweep.physics.mesh.pose import MeshPose
 from rattlesweep.physics.mesh.reading import read_standing
 from rattlesweep.physics.mesh.standing import Standing

@@ -2,7 +2,8 @@
 
 The state is ``(n, E_p, E_r)``, the spin and the energies of pitch and roll averaged
 over the oscillations; the constants are ``(K_p, K_r, I_eff)``.  With losses the
-averages of :mod:`rattlesweep.physics.losses` are added, and works follow the state:
+averages of :mod:`rattlesweep.physics.friction.losses` are added, and works follow the
+state:
 
     I dn/dt   = K_r E_r - K_p E_p - sigma n - l sign(n)
     dE_p/dt   = (K_p n - G_p - abs(n) C_p) E_p - R_p
@@ -11,7 +12,7 @@ averages of :mod:`rattlesweep.physics.losses` are added, and works follow the st
 ``G`` is what a torque or a slip takes of a mode, ``C`` what creep takes, and ``R`` what
 rolling resistance takes.  A spin that comes to zero is held there while ``abs(K_r E_r -
 K_p E_p) <= l``.  Its sign is constant between two zeros: the ``sense``, 0 while it is
-held (:mod:`rattlesweep.physics.pivoting`).  The normal force is the weight.
+held (:mod:`rattlesweep.physics.friction.pivoting`).  The normal force is the weight.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -21,8 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats
+from rattlesweep.physics.friction.rolling_mean import rolling_losses
 from rattlesweep.physics.full import scalar
-from rattlesweep.physics.rolling_mean import rolling_losses
 from rattlesweep.physics.stone import SMOOTHING
 
 N_STATE = 3

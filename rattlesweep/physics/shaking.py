@@ -18,6 +18,7 @@ from math import pi
 import numpy as np
 
 from rattlesweep.arrays import Floats
+from rattlesweep.physics.friction.sliding import cross
 from rattlesweep.physics.full import (
     acceleration,
     contact_point,
@@ -27,7 +28,6 @@ from rattlesweep.physics.full import (
     solve_rates,
     to_vectors,
 )
-from rattlesweep.physics.sliding import cross
 from rattlesweep.physics.stone import dot
 
 # Adding this number to a smaller one, and subtracting it, rounds to a whole number.

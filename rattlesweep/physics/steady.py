@@ -25,7 +25,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattlesweep.arrays import Floats
-from rattlesweep.physics.quartic import Coefficients, Pair, choose, quadratics, roots
+from rattlesweep.physics.quartic import (
+    Coefficients,
+    Pair,
+    choose,
+    quadratics,
+    roots,
+)
 from rattlesweep.physics.theory import two_product
 
 Complexes = NDArray[np.complex128]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Flags, Floats
-from rattlesweep.physics import losses
+from rattlesweep.physics.friction import losses
 
 # A spin below this share of the angular velocity is a rounding error of zero.
 NO_SPIN = 1e-15
@@ -220,11 +220,11 @@ def creeping_coefficients(
     """Return ``K_p`` and ``K_r`` less what the creep of the contact takes from them.
 
     A foot that pivots under a lever ``l`` with the friction ``mu`` drifts (see
-    :mod:`rattlesweep.physics.creep`).  A mode loses ``|n| c l / mu^2`` of its energy a
-    unit of time, with ``c = 128 omega_i^2 / (9 pi^2 J_i)`` and the moment ``J_i`` about
-    the contact point along the mode.  Oscillations grow only where the rest has the
-    sign of the coefficient (that of mirrored bodies is negative): where that of ``K_r``
-    has not, no steady spin of any size turns back.
+    :mod:`rattlesweep.physics.friction.creep`).  A mode loses ``|n| c l / mu^2`` of its
+    energy a unit of time, with ``c = 128 omega_i^2 / (9 pi^2 J_i)`` and the moment
+    ``J_i`` about the contact point along the mode.  Oscillations grow only where the
+    rest has the sign of the coefficient (that of mirrored bodies is negative): where
+    that of ``K_r`` has not, no steady spin of any size turns back.
 
     NaN where ``creep`` is zero.
     """
@@ -292,8 +292,8 @@ def bondi_threshold(
     """Return Bondi's threshold ``n_c1 < 0`` (Eq. 73), NaN where there is none.
 
     The steady spin is stable for ``n < n_c1``, or ``n > -n_c1`` if ``xi > 0``, as far
-    as a second threshold, if there is one; :func:`rattlesweep.physics.steady.growth` is
-    exact.
+    as a second threshold, if there is one;
+    :func:`rattlesweep.physics.steady.growth` is exact.
     """
     alpha, beta, gamma, theta, phi = np.broadcast_arrays(
         *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi))

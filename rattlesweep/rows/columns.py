@@ -5,14 +5,12 @@ function of the results of a block of runs.  The names are fixed, so that script
 written against today's tables read next year's.
 """
 
-from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Collection, Iterable
 
 import pyarrow as pa
 
-from rattlesweep.rows.arrow import _SERIES, F64, FLAG, I32, I64, TEXT, Values, field
+from rattlesweep.rows.arrow import _SERIES, F64, FLAG, I32, I64, TEXT
+from rattlesweep.rows.groups import Column, Group, must, of_loss, of_surface, on_request
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.names import REGIMES
 from rattlesweep.words.quantities import (
@@ -28,88 +26,6 @@ from rattlesweep.words.quantities import (
     TIME,
     Definition,
 )
-
-if TYPE_CHECKING:
-    # What is stored is read without the kernels, which results need.
-    from rattlesweep.rows.results import Results
-
-_Source: TypeAlias = "Callable[[Results], Values]"
-"""Function of the results of a block that returns a column."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of `runs`, and where its value comes from.
-
-    A name in :data:`rattlesweep.words.quantities.QUANTITIES` has its unit and meaning
-    from there; only the others are given here.
-    """
-
-    name: str
-    type: pa.DataType
-    source: _Source
-    unit: str = "1"
-    meaning: str = ""
-    # Appended to the meaning: what a null means, or a sign.
-    note: str = ""
-    formula: str = ""
-    nullable: bool = True
-    # Whether `bodies.refine.by` may compare it.
-    refines: bool = False
-
-    @property
-    def definition(self) -> Definition:
-        """Symbol, unit and meaning."""
-        if self.name in QUANTITIES:
-            return QUANTITIES[self.name]
-        return Definition(self.name, self.unit, self.meaning, formula=self.formula)
-
-    @property
-    def field(self) -> pa.Field:
-        """The column of the Arrow schema."""
-        definition = self.definition
-        meaning = definition.meaning
-        if self.note:
-            meaning = f"{meaning}; {self.note}"
-        return field(self.name, self.type, definition.unit, meaning, self.nullable)
-
-
-@dataclass(frozen=True)
-class Group:
-    """Columns that a sweep has together."""
-
-    name: str
-    # In the documentation; groups with one heading share a table.
-    heading: str
-    columns: tuple[Column, ...]
-    # Whether only sweeps that ask for the group have it.
-    optional: bool = False
-    # Whether they ask for it by a word of `record`, the name.
-    recorded: bool = False
-    # Models that do not have it.
-    not_with: tuple[str, ...] = ()
-
-
-# A column without nulls.
-must = partial(Column, nullable=False)
-# Columns that a word of `record` adds.
-_recorded = partial(Group, optional=True, recorded=True)
-
-
-def of_loss(name: str) -> Column:
-    """Return the column of a constant of dissipation, such as ``sigma``."""
-    return must(name, F64, lambda runs: runs.launches.losses[name])
-
-
-def of_surface(name: str) -> Column:
-    """Return the column of a constant of the surface."""
-    return Column(
-        name,
-        F64,
-        lambda runs: runs.launches.bodies.further[name],
-        note="null: a paraboloid",
-    )
-
 
 # When there is no rate of growth: "rolling > 0 or ...", for all losses that are no
 # linear function of the angular velocity.
@@ -455,7 +371,7 @@ GROUPS = (
         not_with=("reduced", "gh"),
     ),
     # By the words of `record`.  They are null for a run that failed at launch.
-    _recorded(
+    on_request(
         "energy",
         "`record: [energy]`",
         (
@@ -476,7 +392,7 @@ GROUPS = (
         ),
         not_with=("gh",),
     ),
-    _recorded(
+    on_request(
         "contact",
         "`record: [contact]`",
         (
@@ -497,7 +413,7 @@ GROUPS = (
         ),
         not_with=("reduced", "gh"),
     ),
-    _recorded(
+    on_request(
         "windows",
         "`record: [windows]`",
         (
@@ -531,7 +447,7 @@ GROUPS = (
         ),
         not_with=("gh",),
     ),
-    _recorded(
+    on_request(
         "lyapunov",
         "`record: [lyapunov]`",
         (
@@ -553,7 +469,7 @@ GROUPS = (
         ),
         not_with=("reduced", "gh"),
     ),
-    _recorded(
+    on_request(
         "spectrum",
         "`record: [spectrum]`",
         (
@@ -602,7 +518,7 @@ GROUPS = (
         optional=True,
         not_with=("reduced", "gh"),
     ),
-    _recorded(
+    on_request(
         "volume",
         "`record: [volume]`",
         (
@@ -616,7 +532,7 @@ GROUPS = (
         ),
         not_with=("reduced", "gh"),
     ),
-    _recorded(
+    on_request(
         "t_half",
         "`record: [t_half]`",
         (
@@ -631,7 +547,7 @@ GROUPS = (
         ),
         not_with=("gh",),
     ),
-    _recorded(
+    on_request(
         "late",
         "`record: [late]`",
         (
@@ -656,7 +572,7 @@ GROUPS = (
         ),
         not_with=("gh",),
     ),
-    _recorded(
+    on_request(
         "casimir",
         "`record: [casimir]`",
         (
@@ -693,14 +609,14 @@ GROUPS = (
         optional=True,
         not_with=("gh",),
     ),
-    _recorded(
+    on_request(
         "error",
         "`record: [error]`",
         (
             Column(
                 "t_r_error",
                 F64,
-                lambda runs: runs.t_r_error,
+                lambda runs: runs.estimated.t_r_error,
                 TIME,
                 "estimated bound of the error of t_r; null: no t_r",
             ),
@@ -713,13 +629,13 @@ GROUPS = (
             Column(
                 "amp_growth_error",
                 F64,
-                lambda runs: runs.amp_growth_error,
+                lambda runs: runs.estimated.amp_growth_error,
                 meaning="estimated error of amp_growth; null: unknown",
             ),
             Column(
                 "n_departure_error",
                 F64,
-                lambda runs: runs.n_departure_error,
+                lambda runs: runs.estimated.n_departure_error,
                 meaning="estimated error of n_departure; null: unknown",
             ),
         ),
@@ -732,14 +648,14 @@ GROUPS = (
             Column(
                 "tol",
                 F64,
-                lambda runs: runs.tol,
+                lambda runs: runs.estimated.tol,
                 meaning="tolerance at which the run was integrated",
             ),
         ),
         optional=True,
         not_with=("gh",),
     ),
-    _recorded(
+    on_request(
         "reversals",
         "`record: [reversals]`",
         (

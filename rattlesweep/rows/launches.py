@@ -90,8 +90,8 @@ class Launches:
     full_model: str
     # Constants of dissipation by name; none without it
     losses: dict[str, Floats] = field(default_factory=dict)
-    # Fraction of the initial energy below which a body is dead
-    dead: Floats | None = None
+    # Fraction of the initial energy below which a body is dead; no rows without losses
+    dead: Floats = field(default_factory=lambda: np.zeros(0))
 
     @property
     def spin_scale(self) -> Floats:

@@ -122,26 +122,6 @@ class Results:
         return self.outcome
 
     @property
-    def t_r_error(self) -> Floats:
-        """Errors of reversal times."""
-        return self.estimated.t_r_error
-
-    @property
-    def amp_growth_error(self) -> Floats:
-        """Errors of the growth of amplitudes."""
-        return self.estimated.amp_growth_error
-
-    @property
-    def n_departure_error(self) -> Floats:
-        """Errors of the loss of spin."""
-        return self.estimated.n_departure_error
-
-    @property
-    def tol(self) -> Floats:
-        """Tolerances at which runs were integrated."""
-        return self.estimated.tol
-
-    @property
     def window(self) -> Floats:
         """Length of one window."""
         assert self.batch is not None

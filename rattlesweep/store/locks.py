@@ -178,7 +178,7 @@ def locked(directory: Path, name: str) -> Iterator[None]:
         if lock.is_lost():
             raise OutputError(_lost(directory, lock))
 
-    with _taken(directory, name, waiting=waiting) as taken:
+    with _taken(directory, name, math.inf, waiting) as taken:
         assert taken is not None
         lock = taken
         remove_unfinished(directory, [name])
@@ -190,8 +190,8 @@ def locked(directory: Path, name: str) -> Iterator[None]:
 def _taken(
     directory: Path,
     name: str,
-    patience: float = math.inf,
-    waiting: Callable[[float], object] = lambda seconds: None,
+    patience: float,
+    waiting: Callable[[float], object],
 ) -> Iterator[LockFile | None]:
     """Hold a lock; yield None if it was not free within `patience` seconds."""
     folder = directory / LOCKS
@@ -212,26 +212,13 @@ def _is_folder(path: Path) -> bool:
     return stat.S_ISDIR(os.lstat(path).st_mode)
 
 
-def at_work(
-    directory: Path, others: Callable[[str], bool] = lambda name: True
-) -> list[str]:
-    """Return the locks that other processes hold, except the one of the manifest.
-
-    Only names for which `others` is true are looked at.
-    """
-    return [name for name, held in probe_locks(directory, others).items() if held]
-
-
-def probe_locks(
-    directory: Path, others: Callable[[str], bool] = lambda name: True
-) -> dict[str, bool | None]:
+def probe_locks(directory: Path) -> dict[str, bool | None]:
     """Return by the names of locks whether they are held, None where none can tell.
 
     A folder of locks that cannot be read, or is a link, has no names.
     """
     folder = directory / LOCKS
-    names = filter(others, names_of_locks(directory))
-    return {name: is_held(folder / name) for name in names}
+    return {name: is_held(folder / name) for name in names_of_locks(directory)}
 
 
 def names_of_locks(directory: Path) -> list[str]:

@@ -95,9 +95,9 @@ def read_regular(path: Path, limit: int = _MOST_BYTES) -> bytes:
     return data
 
 
-def replace_file(path: Path, data: bytes, new: bool = False) -> None:
+def replace_file(path: Path, data: bytes) -> None:
     """Write `data` to `path` in one step; see :func:`streamed_file`."""
-    with streamed_file(path, new=new) as file:
+    with streamed_file(path) as file:
         file.write(data)
 
 
@@ -128,7 +128,7 @@ def streamed_file(
                 temporary.unlink()
 
 
-def staged_name(path: Path, staging: Path | None = None) -> Path:
+def staged_name(path: Path, staging: Path | None) -> Path:
     """Return a path for a file that is to appear at `path`, for :func:`move`."""
     folder = path.parent if staging is None else staging
     locks = "".join(f"@{hold.lock}" for hold in _holds_of(path) if hold.lock)
@@ -153,7 +153,7 @@ def remove_unfinished(folder: Path, locks: Collection[str] | None = None) -> Non
 
 @contextlib.contextmanager
 def kept_in_place(
-    directory: Path, lock: str = "", check: Callable[[], None] = lambda: None
+    directory: Path, lock: str, check: Callable[[], None]
 ) -> Iterator[None]:
     """Let :func:`check_place` refuse files of a directory that is moved meanwhile.
 

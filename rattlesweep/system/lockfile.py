@@ -30,6 +30,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
+from rattlesweep.system.processors import start_thread
+from rattlesweep.words.errors import OutputError
+
 if sys.platform == "win32":
     import msvcrt
 else:
@@ -195,7 +198,11 @@ class LockFile:
         beat = threading.Thread(
             target=_beat, args=(self._note, token, self._beating), daemon=True
         )
-        beat.start()
+        try:
+            start_thread(beat)
+        except OutputError:
+            self.release()
+            raise
         return True
 
 

@@ -1,10 +1,13 @@
-"""Integration of the equations: methods, compiled kernels, batches of runs."""
+"""Processors and threads that this process may use."""
 
 import math
 import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from threading import Thread
+
+from rattlesweep.words.errors import OutputError
 
 MOST_THREADS = 4096
 
@@ -81,3 +84,12 @@ def check_settings() -> None:
             f"NUMBA_NUM_THREADS={ascii(text)[1:-1]}: "
             f"it must be a whole number from 1 to {MOST_THREADS}"
         )
+
+
+def start_thread(thread: Thread) -> None:
+    """Start a thread; an OutputError says that the system has no more of them."""
+    try:
+        thread.start()
+    except RuntimeError as error:
+        advice = "the system's limit of threads or memory is reached"
+        raise OutputError(f"{error}; {advice}") from None

@@ -22,18 +22,6 @@ PlotName = Literal[
 ]
 ExportFormat = Literal["mjcf", "json"]
 BranchParameter = Literal["energy", "alpha", "beta", "gamma", "theta", "phi", "xi"]
-EngineName = Literal[
-    "mujoco",
-    "mjx",
-    "newton",
-    "drake",
-    "dart",
-    "motrix",
-    "genesis",
-    "bullet",
-    "rapier",
-    "exudyn",
-]
 RecordName = Literal[
     "energy",
     "contact",
@@ -86,7 +74,6 @@ ACCURACY_NAMES: tuple[AccuracyName, ...] = get_args(AccuracyName)
 PLOT_NAMES: tuple[PlotName, ...] = get_args(PlotName)
 EXPORT_FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 BRANCH_PARAMETERS: tuple[BranchParameter, ...] = get_args(BranchParameter)
-ENGINE_NAMES: tuple[EngineName, ...] = get_args(EngineName)
 DOCUMENT_NAMES: tuple[DocumentName, ...] = get_args(DocumentName)
 """Commands whose output by ``--json`` has a JSON Schema."""
 

@@ -85,9 +85,7 @@ def compute(
     return build_table(columns_of(config, launches, batch, outcome), schema)
 
 
-def start_block(
-    plan: Plan, prepared: Prepared, threads: int | None = None
-) -> Task[pa.Table]:
+def start_block(plan: Plan, prepared: Prepared, threads: int | None) -> Task[pa.Table]:
     """Start to compute prepared runs in a thread of their own."""
     return Task(partial(compute, plan.config, plan.schema, prepared, threads))
 

@@ -264,7 +264,7 @@ def _horizons(rows: pa.Table, config: Config) -> Floats:
 
 
 def differing_rows(
-    plan: Plan, rows: pa.Table, threads: int | None = None
+    plan: Plan, rows: pa.Table, threads: int | None
 ) -> Iterator[tuple[int, int, list[str]]]:
     """Integrate stored runs again; yield case, sample and columns that differ."""
     from rattlesweep.work.block import prepare_runs, start_block

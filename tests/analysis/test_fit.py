@@ -28,7 +28,7 @@ from rattlesweep.analysis.fit.scan import searches_of_times
 from rattlesweep.analysis.fit.search import fit_run
 from rattlesweep.analysis.fit.synthetic import synthetic_film
 from rattlesweep.api.single import launch_of
-from rattlesweep.design.single import Launch
+from rattlesweep.design.launch import Launch
 from rattlesweep.system import console
 
 STONE = ROOT / "configs/fit/stone.yaml"
@@ -70,7 +70,7 @@ def test_progress_has_the_time_of_the_processor_and_that_in_all(monkeypatch, cap
     monkeypatch.setattr(console, "LINE_EVERY", 0.0)
     show = console.Bar(shown=False, lines=True).working("fit")
     show(159)
-    assert capsys.readouterr().err == "fit, 159 runs, processor 0:00, 0:00 in all\n"
+    assert capsys.readouterr().err == "fit, 159 runs, processor 0:00, 0:00 so far\n"
 
 
 def test_exact_data_give_the_truth_back():

@@ -14,8 +14,7 @@ import rattlesweep as rs
 from rattlesweep.analysis.fit.problem import FITTABLE
 from rattlesweep.analysis.fit.trials import follow_quantity
 from rattlesweep.api.single import launch_of
-from rattlesweep.api.stones import prepare_stone
-from rattlesweep.cli.given import read_stone
+from rattlesweep.cli.given import prepare_stone, read_stone
 
 STONE = """\
 body:
@@ -135,7 +134,7 @@ def test_what_belongs_to_a_plane_that_shakes_needs_one():
     ("base", "words"),
     [
         ("{frequency: 19.5, amplitude: 0.1 mm}", "base_frequency: 19.5 has no unit"),
-        ("{frequency: 19.5 Hz}", "base: give frequency, and acceleration or amplitude"),
+        ("{frequency: 19.5 Hz}", "base: give acceleration or amplitude, and not both"),
     ],
 )
 def test_a_wrong_base_of_a_stone_file_is_refused(base, words, tmp_path):
@@ -148,7 +147,7 @@ def test_a_wrong_base_of_a_stone_file_is_refused(base, words, tmp_path):
 def test_a_run_of_a_stone_file_shakes_and_its_title_says_so(tmp_path):
     path = tmp_path / "stone.yaml"
     path.write_text(SHAKEN + DRIVE)
-    run = prepare_stone(read_stone(path), {}, t_end="1 s")
+    run = prepare_stone(read_stone(path), {}, {"t_end": "1 s"})
     assert "ε 0.153024, phase 0.698132 rad" in run.title
     assert run.launches.losses["base_phase"][0] == pytest.approx(0.698132, rel=1e-6)
 

@@ -27,8 +27,8 @@ import rattlesweep as rs
 from rattlesweep.analysis.layout import fill, read_layout
 from rattlesweep.analysis.onerun import figure as onerun
 from rattlesweep.analysis.plots import Picture, choose_picture
-from rattlesweep.analysis.plots.maps import BONDI
 from rattlesweep.analysis.style import (
+    BONDI,
     GREY,
     TYPE_STYLE,
     column_envelope,

@@ -24,7 +24,7 @@ from sweeping import invoke, rows, run
 import rattlesweep as rs
 from rattlesweep.analysis.onerun import show
 from rattlesweep.analysis.onerun.course import PreparedRun
-from rattlesweep.design.single import Launch
+from rattlesweep.design.launch import Launch
 
 GH = rs.Rattleback.gh()
 T_END = 130.0

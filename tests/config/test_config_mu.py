@@ -69,6 +69,19 @@ def test_a_table_without_friction_is_refused():
         make_plan(config, rows=frame_bodies(ROWS.assign(mu=[0, 0.1])))
 
 
+def test_rules_on_what_acts_wait_for_the_columns_of_a_table():
+    bodies = {"source": "table", "path": "rows"}
+    creeping = parse_config({"bodies": bodies, "dissipation": {"creep": 0.3}})
+    plan = make_plan(creeping, rows=frame_bodies(ROWS.assign(pivot=0.002)))
+    assert {"creep", "pivot"} <= {*plan.schema.names}
+    with pytest.raises(rs.ConfigError, match=r"dissipation\.creep: the contact creeps"):
+        make_plan(creeping, rows=frame_bodies(ROWS))
+    decaying = parse_config({"bodies": bodies, "horizon": {"t_decay": 2.0}})
+    make_plan(decaying, rows=frame_bodies(ROWS.assign(sigma=[0.0, 0.1])))
+    with pytest.raises(rs.ConfigError, match=r"horizon\.t_decay: .* and sigma is 0"):
+        make_plan(decaying, rows=frame_bodies(ROWS.assign(sigma=0.0)))
+
+
 @pytest.mark.parametrize(
     ("mu", "message"),
     [

@@ -119,7 +119,10 @@ def test_hertz_are_cycles_and_millimetres_need_a_size():
             "give acceleration or amplitude, and not both",
         ),
         ({"acceleration": 0.1}, "frequency"),
-        ({"frequency": 2.0, "acceleration": 0.1, "azimuth_deg": 3}, "leave it out"),
+        (
+            {"frequency": 2.0, "acceleration": 0.1, "azimuth_deg": 3},
+            "has no azimuth; leave azimuth_deg out",
+        ),
         ({"frequency": 2.0, "acceleration": 0.1, "direction": "up"}, "vertical"),
         (
             ALONG | {"azimuth_deg": "table"},

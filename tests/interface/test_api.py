@@ -215,9 +215,15 @@ BAD: list[tuple[Any, str]] = [
 ]
 
 
+STATE: dict[str, Any] = {"n_i": None, "omega_xy0": None, "omega": (0, 0, 1)}
 BAD_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"n_i": [0.1, 0], "t_end": None}, "without spin .* has no t_rGH"),
     ({"omega": (0, 0, 1)}, "n_i and omega_xy0 given with a full state"),
+    (STATE | {"omega": (0, 0, 0)}, "^launch: the body stands upright and at rest;"),
+    (STATE | {"u": (0, 0.5, -1)}, "^launch: u must be a vector of length 1"),
+    (STATE | {"omega": [(0, 0, 1), (0, 0, 0)]}, "^launch: row 2: the body stands"),
+    ({"viscous": 99.0, "pivot": 1e-3}, "^viscous: pivoting is that of a foot that"),
+    ({"viscous": 99.0, "method": "rk4"}, "^method: rk4 .* or leave viscous out"),
     ({"n_i": "60 rpm"}, "n_i: 60 rpm has a unit, but the body has no size"),
     ({"n_i": True}, r"n_i: True \(bool\) is not a number"),
     (
@@ -229,7 +235,7 @@ BAD_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"record": 3}, r"record: 3 \(int\) is not a name or a list of names"),
     ({"n_i": ["60 rpm", "1"]}, r"n_i: '1' \(str\) has no unit"),
     ({"n_i": [1, 2], "omega_xy0": [1] * 3}, r"n_i \(2,\), omega_xy0 \(3,\)"),
-    ({"omega_xy0": None}, "omega_xy0 missing; give both, or a table with them"),
+    ({"omega_xy0": None}, "omega_xy0 missing; give both, or omega"),
     ({"psi": "yaw"}, '"yaw" is not one of relevant, pitch, roll'),
     ({"method": "rk4", "tol": 1e-9}, "tol: rk4 takes dt alone"),
     ({"body": [GH, "HG"]}, r"bodies\[1\]: 'HG' \(str\) is not a body"),

@@ -49,6 +49,9 @@ trajectory --preset GH --dt-step 0.5 | --dt-step: dop853 takes tol alone; leave 
 trajectory --preset GH --omega 1,2 | --omega 1,2: has 2 numbers, and 3 are needed, as in 0,0,-1
 trajectory --preset GH --omega 1,x,2 | --omega 1,x,2: give 3 numbers from
 trajectory --preset GH --omega 0,0,1 --n-i 0.1 | n_i given with a full state
+trajectory --preset GH --viscous 99 --pivot 0.001 | --viscous: pivoting is that of a foot
+body --preset GH --viscous 99 --pivot 0.001 | --viscous: pivoting is that of a foot
+body --preset GH --viscous 99 --mu 0.3 | --viscous: with viscous friction the foot slips
 rnu | no such command
 run | missing argument 'CONFIG' (see `main run --help`)
 run c.yaml d.yaml | got unexpected extra argument (d.yaml) (see

@@ -1,7 +1,7 @@
 """A public name stands for one thing in the whole package, or for the same thing."""
 
 import ast
-from collections import defaultdict
+from collections import Counter, defaultdict
 
 from sweeping import CONFIGS
 
@@ -20,6 +20,13 @@ SAME = {
     "a tangent, and each tangent of a frame": "rate seed transverse",
     "what a mode does there": "RESULTS advance hold_back observe settle store work",
 }
+# Modules with one name: why, and which.
+SAME_MODULES = {
+    "a subject in Python, in commands, and what it computes": """
+        contact exports fits orbits style sweeps verdict
+    """,
+    "a mode and its equations": "slides",
+}
 
 
 def test_a_public_name_means_one_thing():
@@ -34,6 +41,15 @@ def test_a_public_name_means_one_thing():
     doubled = {name: sorted(where) for name, where in modules.items() if len(where) > 1}
     known = {name for names in SAME.values() for name in names.split()}
     assert {name: doubled[name] for name in doubled.keys() - known} == {}
+
+
+def test_a_module_has_a_name_of_its_own():
+    own = [path for path in PACKAGE.rglob("*.py") if path.parent.name != "adapters"]
+    counts = Counter(path.stem for path in own if path.stem != "__init__")
+    doubled = {name for name, count in counts.items() if count > 1}
+    assert doubled == {
+        name for names in SAME_MODULES.values() for name in names.split()
+    }
 
 
 def _defined(node: ast.stmt) -> list[str]:

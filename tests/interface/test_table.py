@@ -19,7 +19,7 @@ from refusal import assert_refused
 from sweeping import ROOT, invoke, sweep
 
 import rattlesweep as rs
-from rattlesweep.analysis import table
+from rattlesweep.analysis import one_table
 from rattlesweep.rows.arrow import build_table
 
 STEADY = {
@@ -92,7 +92,7 @@ def test_lists_are_texts_and_nulls_empty_cells_in_csv():
     case = np.zeros(count, np.int64)
     rows = build_table(random_columns(case, np.arange(count)), SCHEMA)
     stream = io.BytesIO()
-    written = table.write_rows(iter(rows.to_batches()), SCHEMA, None, stream)
+    written = one_table.write_rows(iter(rows.to_batches()), SCHEMA, None, stream)
     assert written == count
     cells = list(csv.DictReader(io.StringIO(stream.getvalue().decode())))
     lists = [field.name for field in SCHEMA if pa.types.is_list(field.type)]
@@ -115,7 +115,7 @@ def test_lists_are_texts_and_nulls_empty_cells_in_csv():
 def test_rows_are_written_in_groups_and_a_file_is_whole_or_not_there(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(table, "ROW_GROUP", 50)
+    monkeypatch.setattr(one_table, "ROW_GROUP", 50)
     count = 220
     rows = build_table(
         random_columns(np.zeros(count, np.int64), np.arange(count)), SCHEMA
@@ -131,7 +131,7 @@ def test_rows_are_written_in_groups_and_a_file_is_whole_or_not_there(
             raise rs.OutputError("a file is damaged")
 
     path = tmp_path / "runs.parquet"
-    table.write_rows(batches(count), SCHEMA, path, io.BytesIO())
+    one_table.write_rows(batches(count), SCHEMA, path, io.BytesIO())
     footer = pq.read_metadata(path)
     groups = [footer.row_group(k).num_rows for k in range(footer.num_row_groups)]
     assert sum(groups) == count
@@ -139,7 +139,7 @@ def test_rows_are_written_in_groups_and_a_file_is_whole_or_not_there(
     assert pq.read_table(path).equals(rows)
     for ending in ("csv", "arrow"):
         with pytest.raises(rs.OutputError, match="damaged"):
-            table.write_rows(
+            one_table.write_rows(
                 batches(100), SCHEMA, tmp_path / f"cut.{ending}", io.BytesIO()
             )
     assert [each.name for each in tmp_path.iterdir()] == ["runs.parquet"]

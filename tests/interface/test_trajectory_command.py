@@ -13,7 +13,7 @@ from sweeping import invoke, plan_of, prepared
 
 import rattlesweep as rs
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
-from rattlesweep.design.single import Launch
+from rattlesweep.design.launch import Launch
 from rattlesweep.kernel.batch import integrate
 from rattlesweep.kernel.method.tableau import METHODS
 from rattlesweep.motion.model import FULL

@@ -11,7 +11,7 @@ import pivot_oracle
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.physics import pivoting
+from rattlesweep.physics.friction import pivoting
 
 BODY = rs.Rattleback(
     alpha=7.032959214283076,

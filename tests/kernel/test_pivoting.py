@@ -17,7 +17,7 @@ from rattlesweep.kernel.state.fields import Point
 from rattlesweep.kernel.state.status import Status
 from rattlesweep.motion.anywhere import from_slopes
 from rattlesweep.motion.model import FULL, find_model
-from rattlesweep.physics import pivoting
+from rattlesweep.physics.friction import pivoting
 
 GH = oracle.GH
 DOP853 = METHODS["dop853"]

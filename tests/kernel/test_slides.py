@@ -23,8 +23,8 @@ from rattlesweep.kernel.step import slots
 from rattlesweep.motion.anywhere import from_slopes
 from rattlesweep.motion.model import FULL, FULL_ELLIPSOID, find_model
 from rattlesweep.physics import full
+from rattlesweep.physics.friction.sliding import cos_sin
 from rattlesweep.physics.readings import Shape, placed_contact
-from rattlesweep.physics.sliding import cos_sin
 
 GH = oracle.GH
 DOP853 = METHODS["dop853"]

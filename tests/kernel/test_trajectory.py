@@ -18,7 +18,7 @@ from sweeping import invoke, sweep
 import rattlesweep as rs
 from rattlesweep.analysis.onerun.channels import CHANNELS
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
-from rattlesweep.design.single import Launch
+from rattlesweep.design.launch import Launch
 from rattlesweep.kernel import follow as follow_module
 from rattlesweep.kernel.batch import integrate
 from rattlesweep.kernel.follow import Follower

@@ -10,7 +10,7 @@ import rattlesweep as rs
 from rattlesweep.config.read import parse_config
 from rattlesweep.motion.model import find_model
 from rattlesweep.physics import full
-from rattlesweep.physics.creep import drift, drift_of_patch, share_of_torque
+from rattlesweep.physics.friction.creep import drift, drift_of_patch, share_of_torque
 from rattlesweep.physics.theory import creeping_coefficients
 
 GH = rs.Rattleback.gh()
@@ -253,5 +253,5 @@ def test_the_word_mu_needs_mu():
 
 
 def test_creep_needs_pivoting():
-    with pytest.raises(rs.ConfigError, match=r"dissipation\.creep.*dissipation\.pivot"):
+    with pytest.raises(rs.ConfigError, match=r"^creep: .*give pivot, or leave creep"):
         rs.simulate(GH, n_i=-0.2, omega_xy0=0.1, creep=0.3, t_end=1.0)

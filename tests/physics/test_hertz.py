@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad, quad
 
-from rattlesweep.physics.hertz import ellipse
-from rattlesweep.physics.materials import MATERIALS, contact_modulus
+from rattlesweep.physics.friction.hertz import ellipse
+from rattlesweep.physics.friction.materials import MATERIALS, contact_modulus
 
 FORCE, RADIUS, MODULUS = 0.6, 0.01, 3.8e9
 RATIOS = [1 + 2.0**-52, 1 + 1e-9, 1.00001, 1.01, 1.5, 16, 1e2, 1e4, 1e10]

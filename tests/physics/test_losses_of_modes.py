@@ -6,7 +6,7 @@ import pytest
 import rattlesweep as rs
 from rattlesweep.analysis.derived import derived
 from rattlesweep.physics import full, steady, theory
-from rattlesweep.physics.rolling_mean import rolling_losses
+from rattlesweep.physics.friction.rolling_mean import rolling_losses
 
 GH = rs.Rattleback.gh()
 MODES = theory.modes(GH.alpha, GH.beta, GH.theta, GH.phi, GH.xi)

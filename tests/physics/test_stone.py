@@ -13,7 +13,8 @@ from exact import exactly
 from mpmath import mp
 from stones import constants_of, of_model, random_bodies
 
-from rattlesweep.motion.model import FULL_ELLIPSOID, generic_equations
+from rattlesweep.motion.equations import generic_equations
+from rattlesweep.motion.model import FULL_ELLIPSOID
 from rattlesweep.physics import full, stone
 
 # The equations with pivoting are in test_pivoting.

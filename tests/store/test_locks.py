@@ -18,7 +18,13 @@ import sweeping
 from hardship import wait_until
 
 from rattlesweep.store import locks
-from rattlesweep.store.locks import LOCKS, MANIFEST_LOCK, at_work, hold, locked
+from rattlesweep.store.locks import (
+    LOCKS,
+    MANIFEST_LOCK,
+    hold,
+    locked,
+    probe_locks,
+)
 from rattlesweep.store.progress import status
 from rattlesweep.system import lockfile
 from rattlesweep.system.lockfile import LockFile, is_held
@@ -42,6 +48,11 @@ def no_flock(monkeypatch):
     monkeypatch.setattr(lockfile, "BEAT", 0.05)
     monkeypatch.setattr(lockfile, "SILENCE", 0.6)
     monkeypatch.setattr(lockfile, "SETTLE", 0.05)
+
+
+def at_work(directory: Path) -> list[str]:
+    """Return the locks that are held."""
+    return [name for name, held in probe_locks(directory).items() if held]
 
 
 def left_by_a_dead_process(directory: Path, name: str) -> None:

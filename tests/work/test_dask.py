@@ -53,6 +53,7 @@ ACTIONS: dict[str, dict[str, Any]] = {
     "both": {"dissipation": {"pivot": 5e-3, "mu": [0.1, 0.3]}},
     "creep": {"dissipation": {"pivot": 5e-3, "creep": [0.2, 0.4]}},
     "viscous": {"dissipation": {"viscous": [50, 500]}},
+    "shaken": {"base": {"frequency": [2.5, 3.0], "acceleration": 0.05}},
     "reduced": {
         "model": "reduced",
         "dissipation": {"sigma": 1e-3, "pivot": 1e-3, "creep": [0.3, 0.5]},

@@ -201,8 +201,8 @@ REFUSED_TABLES: dict[str, tuple[str, str, dict[str, Any], str]] = {
         "sigma",
         "0",
         {"horizon": {"t_decay": 1}},
-        "horizon.t_decay: t_decay times gamma/sigma is not a finite time in the only "
-        "run",
+        "bodies.path: with sigma of the table: horizon.t_decay: it is in units of "
+        "gamma/sigma, and sigma is 0",
     ),
 }
 

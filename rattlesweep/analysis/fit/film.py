@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rattlesweep.analysis.fit.exports import PROGRAMS, from_export
-from rattlesweep.analysis.fit.sheets import Sheet, open_sheet
+from rattlesweep.analysis.fit.programs import PROGRAMS, from_export
+from rattlesweep.analysis.fit.spreadsheets import Sheet, open_sheet
 from rattlesweep.arrays import Flags, Floats, Places
 from rattlesweep.words.errors import ConfigError, one_line
 from rattlesweep.words.units import quantity, split

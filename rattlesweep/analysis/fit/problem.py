@@ -13,7 +13,7 @@ from rattlesweep.analysis.fit.film import Film
 from rattlesweep.analysis.fit.measured import MeasuredBody, Prior
 from rattlesweep.analysis.fit.trials import Trials
 from rattlesweep.arrays import Floats
-from rattlesweep.design.single import Launch
+from rattlesweep.design.launch import Launch
 from rattlesweep.physics.body import PARAMETERS as BODY
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units

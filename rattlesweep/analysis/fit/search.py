@@ -31,7 +31,7 @@ from rattlesweep.analysis.fit.scan import searches_of_times
 from rattlesweep.analysis.fit.series import FILM_STEPS, searches_of_series
 from rattlesweep.analysis.fit.starts import first_values, given, scales_of, spans
 from rattlesweep.arrays import Floats
-from rattlesweep.design.single import Launch
+from rattlesweep.design.launch import Launch
 from rattlesweep.physics.si import Units
 from rattlesweep.system.console import counted
 from rattlesweep.words.errors import ConfigError, not_one_of

@@ -15,7 +15,7 @@ from rattlesweep.words.units import quantity
 if TYPE_CHECKING:
     import pandas as pd
 
-    from rattlesweep.design.single import Launch
+    from rattlesweep.design.launch import Launch
 
 FEWEST_FRAMES = 3
 _MOST_FRAMES = 1_000_000

@@ -11,17 +11,15 @@ from rattlesweep.analysis.onerun.channels import CHANNELS, View
 from rattlesweep.arrays import Floats, take
 from rattlesweep.config.schema import Config
 from rattlesweep.design.batches import full_batch
-from rattlesweep.design.bodies.table import OMEGA, TableBodies, U, launched_from
+from rattlesweep.design.launch import Launch, launch_rows, plan_of_rows
 from rattlesweep.design.models import model_of
 from rattlesweep.design.plan import Plan
 from rattlesweep.design.prepare import prepare_launches
-from rattlesweep.design.single import Launch, directions, plan_of_rows
 from rattlesweep.kernel.batch import integrate
 from rattlesweep.kernel.follow import Follower
 from rattlesweep.kernel.method.tableau import METHODS, TOL
 from rattlesweep.kernel.runs import MOST_REVERSALS
 from rattlesweep.kernel.state.status import Status
-from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.rows.launches import Launches
 from rattlesweep.words.errors import ConfigError
 
@@ -32,7 +30,6 @@ CHANNELS_OF = {
     "n": "n",
     "gyro": "omega_z",
 }
-UP = (0.0, 0.0, -1.0)  # the vertical along the axes of an upright body
 # Names of the losses that act, and whether the body has c and a rim.
 _Law = tuple[frozenset[str], bool, bool]
 
@@ -73,15 +70,16 @@ class Trials:
         self, law: _Law, launches: Sequence[Launch]
     ) -> tuple[Config, Launches]:
         """Return the config of runs of one law, and their launches."""
-        acting, _, has_rim = law
-        bodies = TableBodies(_columns(launches, acting))
-        if has_rim:
-            bodies.carried["rim"] = np.array([run.body.rim for run in launches], float)
+        rows = launch_rows(launches)
+        acting, _, _ = law
+        if "creep" in rows.columns and "creep" not in acting:
+            # A patch that does not turn does not give way.
+            rows.columns["creep"] = np.zeros(len(launches))
         if law not in self._plans:
-            self._plans[law] = plan_of_rows(bodies, "full", {}, ["reversals"])
-        plan = replace(self._plans[law], source=bodies)
-        rows = np.arange(len(launches))
-        return plan.config, prepare_launches(plan, np.zeros_like(rows), rows)
+            self._plans[law] = plan_of_rows(rows, "full", {}, ["reversals"])
+        plan = replace(self._plans[law], source=rows)
+        numbers = np.arange(len(launches))
+        return plan.config, prepare_launches(plan, np.zeros_like(numbers), numbers)
 
 
 def follow_quantity(launch: Launch, kind: str, times: Floats) -> Floats:
@@ -106,7 +104,6 @@ def _by_law(launches: Sequence[Launch]) -> dict[_Law, list[int]]:
     for place, run in enumerate(launches):
         acting = {name for name, value in run.losses.items() if value}
         if "pivot" not in acting:
-            # A patch that does not turn does not give way.
             acting.discard("creep")
         law = frozenset(acting), run.body.c is not None, run.body.rim is not None
         places.setdefault(law, []).append(place)
@@ -190,30 +187,3 @@ def _filled(
     filled = np.full(count, end)
     filled[: len(times)] = times
     return filled
-
-
-def _columns(launches: Sequence[Launch], acting: frozenset[str]) -> dict[str, Floats]:
-    """Return launches as the columns of a table in units of the bodies.
-
-    What is not among the names of `acting` is zero.
-    """
-    first = launches[0]
-    columns: dict[str, Floats] = {}
-    for name in (*PARAMETERS, "c"):  # without c, which is None, a NaN
-        columns[name] = np.array([getattr(run.body, name) for run in launches], float)
-    for name in first.losses:
-        columns[name] = np.zeros(len(launches))
-        if name in acting:
-            columns[name] = np.array([run.losses[name] for run in launches], float)
-    columns["t_end"] = np.array([run.t_end for run in launches], float)
-    if first.omega is not None:
-        states = np.array([[*(run.omega or ()), *(run.u or UP)] for run in launches])
-        columns |= dict(zip((*OMEGA, *U), states.T, strict=True))
-        return columns | launched_from(columns, "launch")
-    for name in ("n_i", "omega_xy0"):
-        columns[name] = np.array([getattr(run, name) for run in launches], float)
-    if isinstance(first.psi, float):
-        columns["psi"] = np.radians(np.array([run.psi for run in launches], float))
-    else:
-        columns["psi"] = directions(columns, first.psi or "relevant")
-    return columns

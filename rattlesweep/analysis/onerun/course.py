@@ -27,9 +27,9 @@ from rattlesweep.analysis.onerun.channels import (
 from rattlesweep.analysis.onerun.section import RISES, CrossingSearch, Section
 from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.design.batches import make_batch, reduced_batch, with_energies
+from rattlesweep.design.launch import Launch, plan_of
 from rattlesweep.design.models import model_of
 from rattlesweep.design.prepare import prepare_launches
-from rattlesweep.design.single import Launch, plan_of
 from rattlesweep.kernel.batch import longest_frame_steps
 from rattlesweep.kernel.follow import NORMAL_MIN, RATIO_MAX, Follower, Samples
 from rattlesweep.kernel.method.tableau import DOP853, METHODS, TOL

@@ -26,7 +26,7 @@ from rattlesweep.analysis.orbits.orbit import (
     row_of,
     solved_at,
 )
-from rattlesweep.analysis.orbits.tables import save_orbits, with_units
+from rattlesweep.analysis.orbits.tabulated import save_orbits, with_units
 from rattlesweep.arrays import Floats
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.full import N_STATE
@@ -167,7 +167,7 @@ class Branch:
         are solid, others dashed, and special points are marked.  The figure is that of
         `ax`, if these axes are given.
         """
-        from rattlesweep.analysis.orbits.figure import draw_family
+        from rattlesweep.analysis.orbits.drawing import draw_family
 
         return draw_family(self.table, self.family.along, y, path, ax)
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from rattlesweep.analysis.orbits.flow import LOOSE, Arrival, Flow
 from rattlesweep.arrays import Floats
-from rattlesweep.design.single import Launch
+from rattlesweep.design.launch import Launch
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.full import N_STATE, TINY, from_vectors, to_vectors
 from rattlesweep.words.errors import ConfigError
@@ -241,7 +241,7 @@ class Orbit:
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw one period over time, and write the figure to a `path`."""
-        from rattlesweep.analysis.orbits.figure import draw_period
+        from rattlesweep.analysis.orbits.drawing import draw_period
 
         run = Launch(self.body, omega=self.omega, u=self.u, t_end=self.period)
         return draw_period(run, path)

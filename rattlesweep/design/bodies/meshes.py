@@ -15,7 +15,7 @@ from rattlesweep.arrays import Floats, Integers, take
 from rattlesweep.config.body_sources import MeshSource
 from rattlesweep.design.bodies.table import run_fields
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.physics.mesh.doubts import doubts_of
+from rattlesweep.physics.mesh.oddities import doubts_of
 from rattlesweep.physics.mesh.reading import read_standing
 from rattlesweep.physics.si import Units
 from rattlesweep.rows.launches import Bodies

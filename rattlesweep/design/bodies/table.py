@@ -542,17 +542,21 @@ def _require_equal(
         )
 
 
-def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
+def launched_from(
+    columns: dict[str, Floats], table: str | None = None
+) -> dict[str, Floats]:
     """Return spin, oscillation and u of full states.
 
-    Messages of errors begin with `where`.
+    Messages of errors name the row of a `table`, or of several launches.
     """
     omega = np.stack([columns[name] for name in OMEGA], axis=1)
     u = normalised(np.stack([columns[name] for name in U], axis=1))
     at_rest = ~omega.any(axis=1) & (u[:, 2] == -1)
     problems = [(row, NO_UNIT_VECTOR) for row in _first(np.isnan(u[:, 0]))]
     problems += [(row, AT_REST) for row in _first(at_rest)]
-    _refuse(where, problems)
+    if problems and table is None and len(u) == 1:
+        raise ConfigError(f"launch: {problems[0][1]}")
+    _refuse(table or "launch", problems)
     n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
     launch = {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}
     for axis, name in enumerate(U):

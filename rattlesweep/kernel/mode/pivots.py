@@ -1,10 +1,11 @@
 """Zeros of the spin at which pivoting friction changes its sense, and spins held there.
 
-A body that rolls with pivoting friction (`physics.pivoting`) is in one of two modes
-(`mode.modes`): PIVOTING, with a positive or a negative spin, until a zero of the spin,
-or HELD, with the spin held at zero, until the torque that this takes exceeds ``l F_n``.
-The sense of the spin, 0 while it is held, is the last constant of a lane.  While the
-body slides, which needs no sense, it is the least creep (`physics.pivoting`).
+A body that rolls with pivoting friction (`physics.friction.pivoting`) is in one of two
+modes (`mode.modes`): PIVOTING, with a positive or a negative spin, until a zero of the
+spin, or HELD, with the spin held at zero, until the torque that this takes exceeds
+``l F_n``.  The sense of the spin, 0 while it is held, is the last constant of a lane.
+While the body slides, which needs no sense, it is the least creep
+(`physics.friction.pivoting`).
 
 A reversal is a zero at which the spin goes over to the other side, or the end of a rest
 from which it does.
@@ -60,9 +61,9 @@ from rattlesweep.kernel.step.sliding_step import (
     contact_at_slip,
     motion_of,
 )
+from rattlesweep.physics.friction.pivoting import LEAST_CREEP, least_creep
+from rattlesweep.physics.friction.sliding import outgoing
 from rattlesweep.physics.full import FASTMATH, TINY, scalar
-from rattlesweep.physics.pivoting import LEAST_CREEP, least_creep
-from rattlesweep.physics.sliding import outgoing
 
 RESULTS = (
     ("t_held", float),

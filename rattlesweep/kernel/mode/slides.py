@@ -7,13 +7,14 @@ others (`event.zeros`).  From there the lane slides: its steps are those of
 lanes, and everything that is observed at steps is observed as before.  It rolls again
 once the speed is zero and friction can hold the contact point, and otherwise slides on.
 
-The angle of sliding is stiff near the begin and the end of a slide (`physics.sliding`),
-and nothing else is, unless the patch pivots: then spin and speed are, through its
-torque.  So a step of a Radau IIA method solves its equations for the angle, and for
-this torque, by Newton's method, which needs one derivative a stage of each, and for
-the rest by iteration, on several lanes at once (`step.radau`).  Near the end of a slide
-steps become shorter with the speed, since the equations have no sense beyond its zero.
-The last one is of second order, in which the speed falls to zero.
+The angle of sliding is stiff near the begin and the end of a slide
+(`physics.friction.sliding`), and nothing else is, unless the patch pivots: then spin
+and speed are, through its torque.  So a step of a Radau IIA method solves its equations
+for the angle, and for this torque, by Newton's method, which needs one derivative a
+stage of each, and for the rest by iteration, on several lanes at once (`step.radau`).
+Near the end of a slide steps become shorter with the speed, since the equations have no
+sense beyond its zero.  The last one is of second order, in which the speed falls to
+zero.
 """
 
 # mypy: ignore-errors
@@ -58,14 +59,14 @@ from rattlesweep.kernel.step.sliding_step import (
     motion_of,
     set_limit,
 )
-from rattlesweep.physics.full import FASTMATH, scalar
-from rattlesweep.physics.sliding import (
+from rattlesweep.physics.friction.sliding import (
     TWO_PI,
     meets_singularity,
     outgoing,
     push,
     slip_energy,
 )
+from rattlesweep.physics.full import FASTMATH, scalar
 from rattlesweep.physics.stone import dot
 
 FIRST_ANGLE = 0.2  # first step of a slide, in radians of the fastest swing

@@ -12,9 +12,6 @@ from rattlesweep.kernel.method.collocation import STAGES
 from rattlesweep.kernel.method.tableau import Tableau
 from rattlesweep.motion.model import Model
 
-if TYPE_CHECKING:
-    pass
-
 LANES = 1 if config.DISABLE_JIT else 32  # measured by benchmarks/kernel.py --lanes
 # A step is tried on whole groups of lanes, so that the last runs of a thread, in the
 # first groups, do not pay for all others: two vectors of AVX2 or one of AVX-512.

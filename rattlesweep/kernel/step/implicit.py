@@ -6,8 +6,8 @@ million times that of the oscillation.  The step is that of the Radau IIA method
 
 1. The derivatives at all stages follow from the states there.
 2. The velocities follow from the derivatives.  They are implicit in the friction
-   (`physics.slip.stiffness`): as this is linear, two slips at right angles to each
-   other obey five linear equations each.
+   (`physics.friction.slip.stiffness`): as this is linear, two slips at right angles to
+   each other obey five linear equations each.
 3. The positions follow from these velocities.
 
 So a sweep gains two orders, at the pace of the oscillation, whatever ``k`` is.  The
@@ -36,7 +36,7 @@ SWEEPS = 8
 # default tolerance are about those of bodies that do not slip.
 _SHARE = 0.1
 LEFT = 0.01
-N_STIFFNESS = 10  # numbers of `physics.slip.stiffness`
+N_STIFFNESS = 10  # numbers of `physics.friction.slip.stiffness`
 _HEAD = '''"""An implicit step for {name}, from step.implicit."""
 
 from rattlesweep.compiling.intrinsics import moved, widest_vectors

@@ -6,9 +6,9 @@ from typing import NamedTuple
 from rattlesweep.compiling.intrinsics import moved
 from rattlesweep.kernel.state.fields import Slip
 from rattlesweep.motion.slides import Placed
+from rattlesweep.physics.friction.pivoting import slope_of_torque
+from rattlesweep.physics.friction.sliding import contact_at, push, spun
 from rattlesweep.physics.full import TINY, scalar
-from rattlesweep.physics.pivoting import slope_of_torque
-from rattlesweep.physics.sliding import contact_at, push, spun
 
 LEAST_MOBILITY = 1e-3  # below it the normal force grows without bound
 

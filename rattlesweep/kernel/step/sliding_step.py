@@ -39,12 +39,12 @@ from rattlesweep.kernel.step.sliding_motion import (
     contact_while_sliding,
     motion_at,
 )
-from rattlesweep.physics.full import FASTMATH, TINY
-from rattlesweep.physics.pivoting import slip_of_patch
-from rattlesweep.physics.sliding import (
+from rattlesweep.physics.friction.pivoting import slip_of_patch
+from rattlesweep.physics.friction.sliding import (
     push,
     settled_direction,
 )
+from rattlesweep.physics.full import FASTMATH, TINY
 
 POINTS = METHOD.points
 INTEGRALS = METHOD.integrals

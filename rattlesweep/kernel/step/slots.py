@@ -50,10 +50,10 @@ from rattlesweep.kernel.step.to_rest import (
     step_to_rest,
     turn_to_rest,
 )
-from rattlesweep.physics.full import FASTMATH
-from rattlesweep.physics.sliding import (
+from rattlesweep.physics.friction.sliding import (
     meets_singularity,
 )
+from rattlesweep.physics.full import FASTMATH
 
 # Columns of a block in which a turn goes on, if lanes that roll step in the same turn.
 FEWEST_SLIDING = 4

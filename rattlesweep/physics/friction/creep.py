@@ -6,8 +6,8 @@ Hertz's pressure, of the radius ``e = 16 l / (3 pi mu)``, and with ``x = v / (e 
 
     F_t = (3 pi / 32) (4 x - x^3) mu F_n,    torque = l F_n (1 - x^2 + 3 x^4 / 8)
 
-up to ``x = 1`` (see :mod:`rattlesweep.physics.pivoting`).  So the contact point drifts
-at ``v`` against the force ``F_t`` that would keep the body rolling.
+up to ``x = 1`` (see :mod:`rattlesweep.physics.friction.pivoting`).  So the contact
+point drifts at ``v`` against the force ``F_t`` that would keep the body rolling.
 
 Nothing gets stiff if the drift is a correction.  The angular momentum about the contact
 point, ``J omega - r x v``, changes at a rate without the derivative of ``v``.  The
@@ -25,8 +25,8 @@ Where the spin is zero, the drift is, too.
 # mypy: disable-error-code="no-untyped-def"
 from math import pi, sqrt
 
+from rattlesweep.physics.friction.sliding import cross
 from rattlesweep.physics.full import NO_FORCE, TINY, scalar
-from rattlesweep.physics.sliding import cross
 from rattlesweep.physics.stone import adjugate, dot, horizontal, multiplied
 
 # Where the force is larger than that at x = 1, .88 mu F_n, the foot drifts at x = 1.

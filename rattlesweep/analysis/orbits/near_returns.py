@@ -12,8 +12,8 @@ from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.onerun.section import Section
 from rattlesweep.analysis.orbits.orbit import Orbit, find_orbit
 from rattlesweep.arrays import Floats
+from rattlesweep.design.launch import Launch
 from rattlesweep.design.models import model_of
-from rattlesweep.design.single import Launch
 from rattlesweep.kernel.follow import Follower
 from rattlesweep.kernel.method.tableau import METHODS
 from rattlesweep.physics.body import Rattleback

@@ -12,7 +12,7 @@ from rattlesweep.analysis import style
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.onerun.figure import draw, shown
 from rattlesweep.analysis.style import BLUE, INK, ORANGE, PURPLE, VERMILION
-from rattlesweep.design.single import Launch
+from rattlesweep.design.launch import Launch
 from rattlesweep.system.files import as_path
 from rattlesweep.words.errors import check_names
 

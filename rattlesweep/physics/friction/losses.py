@@ -14,7 +14,7 @@ with ``c = 128 omega^2 / (9 pi^2 J)``.
 At a spin ``n`` the pitch gains ``K_p n`` of it, and the roll ``-K_r n``.  So the spins
 ``n_p > 0`` and ``n_r < 0`` of :func:`growing_from` bound those at which neither grows.
 
-Rolling resistance is not linear: see :mod:`rattlesweep.physics.rolling_mean`.
+Rolling resistance is not linear: see :mod:`rattlesweep.physics.friction.rolling_mean`.
 """
 
 from __future__ import annotations

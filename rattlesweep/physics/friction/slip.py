@@ -2,7 +2,7 @@
 
 The plane exerts the force ``N u - k v`` on a contact point that slips at ``v``, at all
 times (Magnus, Karapetyan, Takano).  Newton's and Euler's equations are those of
-:mod:`rattlesweep.physics.sliding`,
+:mod:`rattlesweep.physics.friction.sliding`,
 
     D v = N u - k v - u - r x domega/dt - omega x w,    I domega/dt = r x F + g,
 
@@ -14,8 +14,8 @@ the oscillation.  So steps are implicit in the friction (`kernel.step.implicit`)
 # mypy: disable-error-code="no-untyped-def"
 from math import sqrt
 
+from rattlesweep.physics.friction.sliding import axes, contact_at, cross, divided
 from rattlesweep.physics.full import NO_FORCE, scalar
-from rattlesweep.physics.sliding import axes, contact_at, cross, divided
 from rattlesweep.physics.stone import dot
 
 NO_LENGTH = 1e-30  # where all directions are alike, one is chosen

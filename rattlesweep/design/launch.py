@@ -1,9 +1,8 @@
-"""The plan of one run, or of rows in memory, without a config file."""
+"""Launches of one run or of several in memory, and their plan."""
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 
@@ -11,12 +10,13 @@ from rattlesweep.arrays import Floats
 from rattlesweep.config.body_sources import TableSource
 from rattlesweep.config.read import parse_config
 from rattlesweep.config.schema import DIRECTIONS
-from rattlesweep.design.bodies.table import TableBodies
+from rattlesweep.design.bodies.table import OMEGA, TableBodies, U, launched_from
 from rattlesweep.design.plan import Plan, make_plan
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.words.errors import ConfigError, not_one_of
-from rattlesweep.words.quantities import DRIVES
+
+UPRIGHT = (0.0, 0.0, -1.0)  # the vertical along the axes of an upright body
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,6 @@ class Launch:
     u: Sequence[float] | None = None
     # Constants of what acts on the body, by name.
     losses: Mapping[str, float] = field(default_factory=dict)
-    record: Sequence[str] = ()
 
 
 def is_full_state(omega: object, u: object, spin: Mapping[str, object]) -> bool:
@@ -71,32 +70,48 @@ def directions(columns: Mapping[str, Floats], psi: str) -> Floats:
     return theory.direction(modes, columns["n_i"], psi)
 
 
+def launch_rows(launches: Sequence[Launch]) -> TableBodies:
+    """Return the runs of launches, which have values of the same names, as rows."""
+    first = launches[0]
+    # A paraboloid has no c, and a launch may have no end; None becomes NaN.
+    columns = {
+        name: np.array([getattr(run.body, name) for run in launches], float)
+        for name in (*PARAMETERS, "c")
+    }
+    columns["t_end"] = np.array([run.t_end for run in launches], float)
+    for name in first.losses:
+        columns[name] = np.array([run.losses[name] for run in launches], float)
+    spin = {"n_i": first.n_i, "omega_xy0": first.omega_xy0}
+    if is_full_state(first.omega, first.u, {**spin, "psi": first.psi}):
+        omega = np.array([run.omega for run in launches], float)
+        u = np.array([UPRIGHT if run.u is None else run.u for run in launches], float)
+        columns |= dict(zip(OMEGA, omega.T, strict=True))
+        columns |= dict(zip(U, u.T, strict=True))
+        columns |= launched_from(columns)
+    else:
+        check_launched([name for name, value in spin.items() if value is None])
+        for name in spin:
+            columns[name] = np.array([getattr(run, name) for run in launches], float)
+        if first.psi is None or isinstance(first.psi, str):
+            columns["psi"] = directions(columns, first.psi or "relevant")
+        else:
+            columns["psi"] = np.radians(np.array([run.psi for run in launches], float))
+    rows = TableBodies(columns)
+    if first.body.rim is not None:
+        rows.carried["rim"] = np.array([run.body.rim for run in launches], float)
+    return rows
+
+
+def check_launched(missing: Sequence[str]) -> None:
+    """Raise a ConfigError about the values that a launch lacks, if it lacks some."""
+    if missing:
+        names = " and ".join(missing)
+        raise ConfigError(f"{names} missing; give both, or omega")
+
+
 def plan_of(run: Launch) -> Plan:
     """Return the plan of one run."""
-    # The body as a table of one row.  A paraboloid has no c; None becomes NaN.
-    names = (*PARAMETERS, "c")
-    rows = TableBodies(
-        {name: np.array([getattr(run.body, name)], float) for name in names}
-    )
-    if run.body.rim is not None:
-        rows.carried["rim"] = np.array([run.body.rim])
-    losses = dict(run.losses)
-    for name in DRIVES:
-        if name in losses:
-            # As a column, since the key of the phase is in degrees.
-            rows.columns[name] = np.array([losses.pop(name)], float)
-    spin = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
-    if is_full_state(run.omega, run.u, spin):
-        launch: dict[str, object] = {"launch": {"omega": run.omega, "u": run.u}}
-    elif run.t_end is None and run.n_i == 0:
-        raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
-    else:
-        launch = {"spin": spin}
-    horizon = {"t_rgh": 5.0}
-    if run.t_end is not None:
-        horizon = {"t": run.t_end}
-    keys = {"horizon": horizon, "dissipation": losses, **launch}
-    return plan_of_rows(rows, run.model, run.integrator, run.record, keys)
+    return plan_of_rows(launch_rows([run]), run.model, run.integrator, [])
 
 
 def plan_of_rows(
@@ -104,33 +119,30 @@ def plan_of_rows(
     model: str,
     integrator: Mapping[str, object],
     record: Sequence[str],
-    keys: Mapping[str, object] = MappingProxyType({}),
 ) -> Plan:
-    """Return the plan of bodies in memory, by default up to 5 t_rGH.
-
-    `keys` are further keys of a config, such as ``spin``.  What they leave out, the
-    rows must have as columns.
-    """
+    """Return the plan of launches in memory, by default up to 5 t_rGH."""
     steps = {name: value for name, value in integrator.items() if value is not None}
     if "dt_step" in steps:
         steps["dt"] = steps.pop("dt_step")
     try:
         config = parse_config(
-            {"model": model, "integrator": steps, "record": list(record), **keys},
+            {"model": model, "integrator": steps, "record": list(record)},
             bodies=TableSource.in_memory(rows.surface),
         )
+        return make_plan(config, rows=rows)
     except ConfigError as error:
         raise ConfigError(map(_of_arguments, error.messages)) from None
-    return make_plan(config, rows=rows)
 
 
 def _of_arguments(message: str) -> str:
-    """Return a message about a key of the integrator, as it is named in calls.
+    """Return a message about a key of a config, as it is named in calls.
 
-    Calls have no section `integrator`.  They name the step ``dt_step``, as ``dt`` is
-    the time between the rows of a trajectory.
+    Calls have no sections `integrator`, `dissipation` and `horizon`.  They name the
+    step ``dt_step``, as ``dt`` is the time between the rows of a trajectory.
     """
-    message = message.removeprefix("integrator.")
+    message = message.removeprefix("integrator.").replace("dissipation.", "")
     if message.startswith("dt: "):
         return re.sub(r"\bdt\b", "dt_step", message)
+    if message.startswith("horizon.t: "):
+        return message.replace("horizon.t", "t_end").partition(", so give horizon")[0]
     return message

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rattlesweep.analysis.fit.sheets import FrameSheet, Sheet
+from rattlesweep.analysis.fit.spreadsheets import FrameSheet, Sheet
 from rattlesweep.arrays import Floats
 from rattlesweep.words.errors import ConfigError, one_line
 

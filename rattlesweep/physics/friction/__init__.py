@@ -1,0 +1,1 @@
+"""What the foot of a body does but roll, what that takes, and of what a patch is."""
