@@ -10,7 +10,7 @@ from rattlesweep.api.single import INTEGRATOR, NumberOrText, prepare_launch
 from rattlesweep.physics import si
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.words.defaults import CASE_NAME, EXPORT_FORMAT
-from rattlesweep.words.engines import ENGINE_NAMES
+from rattlesweep.words.engines import ENGINE_NAMES, UNTRIED
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.names import EXPORT_FORMATS
 
@@ -99,8 +99,11 @@ def export_run(
 
     if format not in EXPORT_FORMATS:
         raise ConfigError(f"format: {not_one_of(format, EXPORT_FORMATS)}")
-    if engine is not None and engine not in ENGINE_NAMES:
-        raise ConfigError(f"engine: {not_one_of(engine, ENGINE_NAMES)}")
+    if engine is not None:
+        if engine not in ENGINE_NAMES:
+            raise ConfigError(f"engine: {not_one_of(engine, ENGINE_NAMES)}")
+        if engine in UNTRIED:
+            raise ConfigError(f"engine: {UNTRIED[engine]}")
     if portable and (engine is not None or format != "mjcf"):
         raise ConfigError("portable: only a model (mjcf) can be; leave portable out")
     if path is not None:

@@ -18,7 +18,7 @@ from typing import Any
 from rattlesweep.analysis.engines.case import EngineCase
 from rattlesweep.analysis.engines.mjcf import check_model, friction_and_lever
 from rattlesweep.analysis.onerun.course import PreparedRun
-from rattlesweep.words.engines import ENGINES, UNTRIED
+from rattlesweep.words.engines import ENGINES
 from rattlesweep.words.errors import ConfigError, printable
 
 HERE = "rattlesweep.analysis.engines.adapters"
@@ -26,7 +26,7 @@ HERE = "rattlesweep.analysis.engines.adapters"
 
 def check_name(path: Path, engine: str) -> None:
     """Raise a ConfigError if a file would hide a package that it imports."""
-    if engine in ENGINES and path.stem in {engine, ENGINES[engine].installs}:
+    if path.stem in {engine, ENGINES[engine].installs}:
         raise ConfigError(
             f"path {path}: a file of this name hides the package that it imports; "
             f"call it {path.stem}_run.py"
@@ -34,9 +34,7 @@ def check_name(path: Path, engine: str) -> None:
 
 
 def check_run(run: PreparedRun, engine: str) -> None:
-    """Raise a ConfigError if an engine has no file, or no such body or friction."""
-    if engine in UNTRIED:
-        raise ConfigError(f"engine: {UNTRIED[engine]}")
+    """Raise a ConfigError if an engine has no such body or no such friction."""
     check_model(run, ENGINES[engine].title, ENGINES[engine].pivots)
 
 
