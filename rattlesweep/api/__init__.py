@@ -30,6 +30,7 @@ from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.api.trajectories import Page, Trajectory, replay, show, trajectory
 from rattlesweep.api.verdicts import Verdict, verdict
 from rattlesweep.arrays import Floats
+from rattlesweep.config.clashes import refuse_slip_beside
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.chaos import is_chaotic
@@ -170,7 +171,7 @@ def growth_rates(
     Raises
     ------
     ConfigError
-        If a loss has no growth rate.
+        If a loss has no growth rate, or friction is viscous and of another kind.
     """
     for name in losses:
         known = ("sigma",) if exact else LINEAR_LOSSES
@@ -182,6 +183,7 @@ def growth_rates(
     columns = _columns(body, n=n, **losses)
     spin = columns.pop("n")
     lossy = {name: columns.pop(name) for name in losses}
+    refuse_slip_beside([name for name, values in lossy.items() if np.any(values)])
     if exact:
         sigma = lossy.get("sigma", 0.0)
         pitch, roll = steady.growth(full.constants(**columns), spin, sigma)

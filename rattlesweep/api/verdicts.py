@@ -12,6 +12,7 @@ import numpy as np
 
 from rattlesweep.api import arguments as arguments
 from rattlesweep.api.arguments import check_count
+from rattlesweep.config.clashes import refuse_slip_beside
 from rattlesweep.physics import si
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
@@ -246,6 +247,7 @@ def verdict_on(
     check_names("arguments", losses, LOSSES)
     launches = _launches(stone.body, spin, push, t_end)
     given, values, errors = _separate(losses)
+    refuse_slip_beside(values)
     remarks = []
     if "pivot" in values and given.get("creep") is None and "mu" not in values:
         # With mu the patch creeps with the friction of slides (`Dissipation`).

@@ -70,7 +70,7 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
         one_number,
         require_units,
     )
-    from rattlesweep.config.clashes import clashes_of_slip
+    from rattlesweep.config.clashes import refuse_slip_beside
 
     probe_files(figure)
     of_mesh = {name: given[name] for name in options.BODY if given[name] is not None}
@@ -84,10 +84,9 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
     numbers: Given = {
         name: one_number(name, value, described.units) for name, value in launch.items()
     }
-    if numbers.get("viscous"):
-        pivots = bool(numbers.get("pivot"))
-        for problem in clashes_of_slip(slides="mu" in numbers, pivots=pivots):
-            raise ConfigError(f"--viscous: {problem}")
+    # A limit mu of zero is one, too.
+    present = [name for name, value in numbers.items() if value or name == "mu"]
+    refuse_slip_beside(present, "--viscous")
     if drive is not None:
         of_base = columns_of_base(drive, described.units)
         numbers |= {name: float(value) for name, value in of_base.items()}

@@ -1,7 +1,7 @@
 """Rules between the keys of a config."""
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Container, Iterator
 
 from rattlesweep.config.body_sources import (
     GridSource,
@@ -203,6 +203,18 @@ def clashes_of_slip(*, slides: bool, pivots: bool) -> Iterator[str]:
             "pivoting is that of a foot that holds, and with viscous friction it "
             "slips; leave out viscous or pivot"
         )
+
+
+def refuse_slip_beside(losses: Container[str], name: str = "viscous") -> None:
+    """Raise a ConfigError if friction is viscous, and of another kind as well.
+
+    `losses` are the names of the constants that are not zero, and `name` is what the
+    user calls the viscous one.
+    """
+    if "viscous" not in losses:
+        return
+    for problem in clashes_of_slip(slides="mu" in losses, pivots="pivot" in losses):
+        raise ConfigError(f"{name}: {problem}")
 
 
 def _fixed_steps(config: Config, motion: str, key: str) -> Iterator[Clash]:

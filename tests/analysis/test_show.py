@@ -25,6 +25,7 @@ import rattlesweep as rs
 from rattlesweep.analysis.onerun import show
 from rattlesweep.analysis.onerun.course import PreparedRun
 from rattlesweep.design.launch import Launch
+from rattlesweep.words.quantities import DRIVES, LOSSES
 
 GH = rs.Rattleback.gh()
 T_END = 130.0
@@ -107,6 +108,15 @@ def test_the_facts_of_a_body_of_known_size_are_in_its_units():
     t_rgh = rs.reversal_time_gh(KL, n_i="0.2 sqrt(g/a)", omega_xy0="0.02 sqrt(g/a)")
     assert facts["t_rGH"] == f"{t_rgh * KL.units.time:.6g} s"
     assert facts["dissipation"].endswith(" N m s")
+
+
+def test_a_plane_that_shakes_is_no_dissipation():
+    losses = {"sigma": 1e-3, "base_frequency": 2.5, "base_acceleration": 0.1}
+    launch = Launch(GH, n_i=0.1, omega_xy0=0.01, losses=losses, t_end=9.0)
+    run = PreparedRun.of(launch)
+    assert run.acting(LOSSES) == "σ 0.001 M a^2 √(g/a)"
+    assert run.acting(DRIVES) == "Ω 2.5 √(g/a), ε 0.1"
+    assert run.losses == "σ 0.001 M a^2 √(g/a), Ω 2.5 √(g/a), ε 0.1"
 
 
 def test_words_cannot_become_markup(tmp_path):

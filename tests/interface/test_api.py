@@ -211,6 +211,10 @@ BAD: list[tuple[Any, str]] = [
         lambda: rs.fit("GH", {"t": [0], "n": [1]}, free=3, launch=LAUNCH),
         "free: 3 .* not a name",
     ),
+    (
+        lambda: rs.growth_rates("GH", [0.1, 0.2], pivot=1e-3, viscous=[0, 9.0]),
+        "^viscous: pivoting is that of a foot that",
+    ),
     (lambda: rs.replay("x", 1.5, 0), r"case: 1.5 .*; a whole number of at least 0"),
 ]
 

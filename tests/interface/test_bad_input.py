@@ -51,6 +51,7 @@ trajectory --preset GH --omega 1,x,2 | --omega 1,x,2: give 3 numbers from
 trajectory --preset GH --omega 0,0,1 --n-i 0.1 | n_i given with a full state
 trajectory --preset GH --viscous 99 --pivot 0.001 | --viscous: pivoting is that of a foot
 body --preset GH --viscous 99 --pivot 0.001 | --viscous: pivoting is that of a foot
+verdict --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --viscous 2N*s/m --pivot 0.01mm | --viscous: pivoting is that of a foot
 body --preset GH --viscous 99 --mu 0.3 | --viscous: with viscous friction the foot slips
 rnu | no such command
 run | missing argument 'CONFIG' (see `main run --help`)

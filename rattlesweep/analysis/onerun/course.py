@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
@@ -42,7 +42,7 @@ from rattlesweep.system.console import counted
 from rattlesweep.system.files import streamed_file
 from rattlesweep.words.defaults import LEAST_ROWS, ROWS_A_PERIOD
 from rattlesweep.words.errors import ConfigError
-from rattlesweep.words.quantities import ACTING, TIME
+from rattlesweep.words.quantities import ACTING, TIME, ActionConstant
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -167,13 +167,17 @@ class PreparedRun:
     @property
     def losses(self) -> str:
         """What acts on the body by its constants, as text."""
-        losses = []
+        return self.acting(ACTING)
+
+    def acting(self, constants: Mapping[str, ActionConstant]) -> str:
+        """Return which of some constants act on the body, as text."""
+        words = []
         for name, values in self.launches.losses.items():
-            constant = ACTING[name]
-            if values[0] != constant.default:
+            constant = constants.get(name)
+            if constant is not None and values[0] != constant.default:
                 value = self.with_unit(values[0], constant.unit)
-                losses.append(f"{constant.letter} {value}")
-        return ", ".join(losses)
+                words.append(f"{constant.letter} {value}")
+        return ", ".join(words)
 
     def with_unit(self, value: float, unit: str) -> str:
         """Return a value with its unit, in SI if the size of the body is known."""

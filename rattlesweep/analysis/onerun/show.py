@@ -22,7 +22,7 @@ from rattlesweep.analysis.onerun.solids import solid_of_page
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.words.defaults import FRAMES_A_PERIOD
 from rattlesweep.words.errors import ConfigError
-from rattlesweep.words.quantities import RATE, TIME
+from rattlesweep.words.quantities import DRIVES, LOSSES, RATE, TIME
 
 _COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r", "energy")
 _CHANNELS = ("t", *_COLUMNS, "contact_z")
@@ -129,7 +129,8 @@ def _facts(course: Course, time: tuple[float, str]) -> list[tuple[str, str]]:
             f"M = {run.units.mass:.4g} kg, a = {1000 * run.units.length:.4g} mm, "
             f"√(a/g) = {run.units.time:.4g} s"
         )
-    facts["dissipation"] = run.losses
+    facts["dissipation"] = run.acting(LOSSES)
+    facts["the plane shakes"] = run.acting(DRIVES)
     facts["launched along"] = f"{math.degrees(run.launch['psi']):.4g}°"
     facts["K_p, K_r"] = f"{modes.K_p[0]:.4g}, {modes.K_r[0]:.4g}"
     facts["ω_p, ω_r"] = ", ".join(frequencies)
