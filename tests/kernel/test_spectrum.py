@@ -239,13 +239,17 @@ def test_an_independent_program_has_the_same_exponents(body, omega, u, t_end):
 def test_exponents_do_not_depend_on_the_first_frame():
     # The five exponents of a generic frame, none of them set to zero.
     body = (7, 3, 7, 0.25, 1 / 9, -0.485)
-    omega = (0.239443, -1.22271, 0.825371)
+    omega = np.array([0.239443, -1.22271, 0.825371])
     u = (0.188817, -0.19839, -0.961764)
-    run = rs.simulate(
-        rs.Rattleback(*body), omega=omega, u=u, t_end=3000, record="spectrum"
+    # Means over chaotic runs differ as much as those of launches next to each other.
+    nearby = omega * (1 + 1e-6 * np.arange(24))[:, None]
+    runs = rs.simulate(
+        rs.Rattleback(*body), omega=nearby, u=u, t_end=3000, record="spectrum"
     )
+    ours = np.array(runs["lyapunov_spectrum"].tolist())
     theirs = spectrum_oracle.spectrum(body, omega, u, 3000)
     expected = -np.sort(-theirs.exponents)
-    # The two zeros decay as log(t)/t; the others are means over different chaotic runs.
+    # The two zeros decay as log(t)/t.
     assert sorted(np.abs(expected))[:2] == pytest.approx([0, 0], abs=5e-3)
-    assert run.lyapunov_spectrum == pytest.approx(expected, abs=1e-2)
+    scatter = ours.std(axis=0, ddof=1)
+    assert np.all(np.abs(expected - ours.mean(axis=0)) < 4 * scatter + 5e-3)
