@@ -11,12 +11,14 @@ from rattlesweep.design.batches import make_batch
 from rattlesweep.design.plan import Plan
 from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.kernel.threads import available_threads
+from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.rows.arrow import floats
 from rattlesweep.rows.launches import Launches
 from rattlesweep.store.parquet import encode
 from rattlesweep.system.console import clock, counted
 from rattlesweep.work.block import compute, load_kernel
 from rattlesweep.work.cost import expected_cost, sample_keys, some_cases
+from rattlesweep.work.job import MAX_BLOCK_RUNS
 
 _SEED = 20170427
 EXPECTED = 20_000  # runs whose cost is expected from theory
@@ -34,6 +36,7 @@ LEAST_SHARE = 0.3  # of the processors, below which a forecast does not go
 # How much slower a sweep may become if a pilot gets next to nothing of the processors,
 # as many more programs may come where there are others.
 MOST_CROWDED = 3
+_FEW = 32  # rows that are too few to tell their size in a file
 _SIZES = ("B", "kB", "MB", "GB", "TB")
 
 
@@ -130,7 +133,7 @@ def forecast(
         seconds=middle,
         low=min(middle, FASTER * share * low),
         high=SLOWER * crowding * high,
-        bytes=_files_size(pilot.rows, plan.runs),
+        bytes=_files_size(_as_in_files(pilot.rows, plan), plan.runs),
         decides=plan.config.deciding_key,
     )
 
@@ -172,6 +175,24 @@ def _pilot(
         rate=float(steps.sum()) / seconds,
         share=(time.process_time() - processor_begin) / (seconds * threads),
     )
+
+
+def _as_in_files(rows: pa.Table, plan: Plan) -> pa.Table:
+    """Return rows of a sample in which bodies recur as often as in files of the sweep.
+
+    A value that recurs takes less space.  The sample has each body once a case, while a
+    file of a sweep of many samples has few cases, with other bodies in each row.
+    """
+    bodies = np.stack([floats(rows[name]) for name in PARAMETERS])
+    _, body = np.unique(bodies, axis=1, return_inverse=True)
+    order = np.argsort(body, kind="stable")
+    first = np.searchsorted(body[order], body[order])
+    recurrence = np.arange(len(body)) - first  # how often the body was there before
+    most = max(1, MAX_BLOCK_RUNS // max(1, plan.samples))
+    kept = np.sort(order[recurrence < most])
+    if len(kept) < _FEW:
+        return rows
+    return rows.take(kept)
 
 
 def _files_size(table: pa.Table, runs: int) -> int:

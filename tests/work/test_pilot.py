@@ -14,7 +14,7 @@ from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.store.parquet import write_parquet
 from rattlesweep.work.cost import expected_cost, sample_keys
 from rattlesweep.work.forecast import forecast
-from rattlesweep.work.run import integrate_plan
+from rattlesweep.work.run import integrate_plan, run_sweep
 
 CONFIG: dict[str, Any] = {
     "bodies": {"source": "sd", "samples": 1000},
@@ -60,6 +60,15 @@ def test_it_says_what_the_plan_takes(tmp_path):
     drawn = np.random.default_rng(1).choice(len(cost), 500, p=cost / cost.sum())
     guess = (steps[drawn] / cost[drawn]).mean() * cost.mean() * plan.runs
     assert guess == pytest.approx(steps.sum(), rel=0.1)
+
+
+def test_files_are_as_large_as_forecast_where_bodies_do_not_recur(tmp_path):
+    # A file has few of the cases, so that each of its rows has another body.
+    many = {"bodies": {"source": "sd", "samples": 60_000}, "model": "gh"}
+    plan = plan_of(CONFIG | many)
+    run_sweep(plan, tmp_path / "out", threads=1)
+    size = sum(path.stat().st_size for path in (tmp_path / "out" / "runs").iterdir())
+    assert forecast(plan, 1, seconds=0.1).bytes == pytest.approx(size, rel=0.15)
 
 
 @pytest.mark.parametrize(
