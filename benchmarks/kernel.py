@@ -46,7 +46,7 @@ SETTINGS = (
 
 def products(tableau: Tableau) -> int:
     """Return the products of one step for one lane; 0 if the code is not x86's."""
-    step = njit(**OPTIONS)(write_attempt(tableau, FULL, 1))
+    step = njit(**OPTIONS)(write_attempt(tableau, problem_of(FULL, 1)))
     step.compile((typeof(problem_of(FULL, 1)), float64[::1], float64, int64))
     (code,) = step.inspect_asm().values()
     count = 0

@@ -81,7 +81,7 @@ def check_motion(batch: Batch, t_end: float, tol: float) -> None:
         record=LYAPUNOV,
         longest_step=longest_frame_steps(batch, DOP853, tol),
     )
-    largest, _ = exponents(one.growth)
+    largest, _ = exponents(one.lyapunov)
     told(f"first tangent less lyapunov ({tol:g})", whole[:, 0] - largest[:, 0])
     back = runs.y_end.copy()
     back[:, 2:] *= -1

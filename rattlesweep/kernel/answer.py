@@ -10,14 +10,15 @@ or tangents.  Both are compiled for each model and called by their addresses.
 from numba import njit
 
 from rattlesweep.compiling.intrinsics import INNER, moved
-from rattlesweep.kernel.runs import UNKNOWN_RATE, note_contact, start_points
+from rattlesweep.kernel.look.extremes import note_contact, start_points
+from rattlesweep.kernel.runs import UNKNOWN_RATE
 from rattlesweep.kernel.state.fields import DIFFERENCE, NEVER, Point
-from rattlesweep.kernel.state.lane import clear, lane_of
+from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.kernel.state.statuses import LIFTS_OFF, OK, RIM
 from rattlesweep.physics.full import FASTMATH, scalar
 
 # What is asked for one lane.
-BEGIN, IDLE, DERIVE, MEASURE, SETTLE, LIMIT, CHANGE = range(7)
+BEGIN, IDLE, DERIVE, MEASURE, SETTLE, LIMIT, END, CHANGE = range(8)
 # What is asked for all lanes.
 PLAN, OBSERVE, DECIDE, ADVANCE = range(4)
 
@@ -98,8 +99,10 @@ def begin_run(lane):
 
 @njit(**INNER)
 def idle(lane):
-    """Empty a lane: a spinning state and steps of size zero, so that nothing is due."""
-    clear(lane)
+    """Empty a lane: a spinning state and steps of size zero, so that nothing is due.
+
+    The loop has set all its fields to zero.
+    """
     lane.run = -1.0
     lane.y, lane.constants, lane.probe = lane.problem.idle
     n, _ = derive(lane)
@@ -114,7 +117,6 @@ def note_energies(lane):
     """Note the energy and the work of friction at the end of the step just tried."""
     lane.energy1 = lane.problem.modes.energy(lane)
     lane.work1 = lane.problem.modes.work(lane)
-    lane.pivot_work1 = lane.problem.modes.pivot_work(lane)
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -139,6 +141,9 @@ def answer(problem, asked, w, l, status, move, goes_on, reversals_recorded):
         problem.modes.look(lane)
     elif asked == SETTLE:
         note_oscillation(lane)
+    elif asked == END:
+        note_energies(lane)
+        problem.modes.store(lane)
     elif asked == BEGIN:
         begin_run(lane)
     elif asked == DERIVE:

@@ -9,14 +9,15 @@ import numpy as np
 from numba import config
 
 from rattlesweep.arrays import Flags, Floats, Integers, Places, put, spread, take
-from rattlesweep.kernel import runs, turn
-from rattlesweep.kernel.growths import _without_comparisons
+from rattlesweep.kernel import runs, tangents, turn
+from rattlesweep.kernel.collected import MODE_RESULTS, SHAPES, Recording
+from rattlesweep.kernel.growths import leave_out_comparisons
 from rattlesweep.kernel.look.marks import MARKS
 from rattlesweep.kernel.method.tableau import DT, MAX_STEPS, TOL, Tableau
-from rattlesweep.kernel.mode import modes
+from rattlesweep.kernel.mode.pivots import WITHOUT_TORQUE
 from rattlesweep.kernel.outcome import Batch, Outcome
 from rattlesweep.kernel.recipes import problem_of, threaded_kernel
-from rattlesweep.kernel.runs import SHAPES, Inputs, Outputs, Recording
+from rattlesweep.kernel.runs import Inputs, Outputs
 from rattlesweep.kernel.state.status import Status
 from rattlesweep.kernel.step.explicit import SUBSTEPS
 from rattlesweep.kernel.task import Control
@@ -247,14 +248,10 @@ def _completed(outcome: Outcome, own: Model, model: Model) -> Outcome:
     outcome = replace(outcome, y_end=y_end)
     if model.pivot is None or own.pivot is not None:
         return outcome
-    none = np.zeros(count)
-    return replace(
-        outcome,
-        t_held=np.full(count, np.nan),
-        held_time=none,
-        pivot_work=none.copy(),
-        pulled=none.copy(),
-    )
+    none: dict[str, Any] = {
+        name: np.full(count, value) for name, value in WITHOUT_TORQUE.items()
+    }
+    return replace(outcome, **none)
 
 
 def longest_frame_steps(batch: Batch, tableau: Tableau, tol: float) -> Floats:
@@ -285,24 +282,25 @@ def anywhere(batch: Batch, model: Model) -> Batch:
 
 def outputs_of(count: int, model: Model) -> Outputs:
     """Return arrays for what a kernel writes of a number of runs, without values."""
-    results = np.zeros(count, modes.RESULT)
-    for name in modes.RESULT.names or ():
-        if modes.RESULT[name].kind == "f":
+    results = np.zeros(count, runs.RESULT)
+    for name in runs.RESULT.names or ():
+        if runs.RESULT[name].kind == "f":
             results[name] = np.nan
     results["status"] = Status.STOPPED
-    return Outputs(results, np.full((count, model.n_state), np.nan))
+    at = problem_of(model).layout
+    n_results = at.stages - at.results
+    return Outputs(results, np.full((count, model.n_state + n_results), np.nan))
 
 
 def recording_of(count: int, record: Collection[str]) -> Recording:
     """Return arrays for a number of runs, empty where something is not recorded."""
     arrays = {}
-    for name, shape in SHAPES._asdict().items():
+    for name, shape in SHAPES.items():
         arrays[name] = np.full((count if name in record else 0, *shape), np.nan)
     if not {mark.name for mark in MARKS}.isdisjoint(record):
-        arrays["marks"] = np.full((count, *SHAPES.marks), np.nan)
+        arrays["marks"] = np.full((count, *SHAPES["marks"]), np.nan)
     if "spectrum" in record:
-        shape = count, runs.N_WINDOWS + runs.N_COMPARISONS, 1 + runs.N_GROWTHS
-        arrays["lyapunov"] = np.full(shape, np.nan)
+        arrays["lyapunov"] = np.full((count, *tangents.OF_FRAME), np.nan)
     return Recording(**arrays)
 
 
@@ -315,12 +313,20 @@ def _outcome(
     recording: Recording,
 ) -> Outcome:
     """Return what a kernel has written as an outcome."""
-    known = {name for name, _ in runs.RESULTS}
-    known.update(problem_of(model).modes.results)
     columns: dict[str, Any] = {}
-    for name in modes.RESULT.names or ():
-        values = outputs.results[name]
-        columns[name] = values.copy() if name in known else values[:0]
+    for name in runs.RESULT.names or ():
+        columns[name] = outputs.results[name].copy()
+    at = problem_of(model).layout
+    for name, kind in MODE_RESULTS.items():
+        # What a model has no mode for has no rows.
+        values = np.zeros(0)
+        if name in at.fields:
+            place = model.n_state + at.fields[name][0] - at.results
+            values = outputs.ends[:, place]
+        if kind is not float:
+            # A run that has not ended has no number.
+            values = np.nan_to_num(values)
+        columns[name] = values.astype(kind)
     if not tableau.adaptive:
         coarse = is_coarse(tableau, dt, batch.relevant, columns["t_end"])
         coarse &= columns["status"] == Status.OK
@@ -330,19 +336,11 @@ def _outcome(
     # Without spin at launch these two have no reference.
     columns["amp_growth"][batch.tapped] = np.nan
     columns["n_departure"][batch.tapped] = np.nan
+    columns |= recording._asdict()
+    leave_out_comparisons(columns["lyapunov"], columns["t_end"])
     return Outcome(
         **columns,
-        y_end=outputs.y_end,
-        energy_drift_max=recording.energy[:, 0, 0],
-        contact_ratio_max=recording.contact[:, 0, 0],
-        contact_normal_min=recording.contact[:, 0, 1],
-        volume_rate=recording.volume[:, 0, 0],
-        late=recording.late[:, 0],
-        marks=recording.marks[:, 0],
-        casimir=recording.casimir,
-        windows=recording.windows,
-        reversals=recording.reversals,
-        growth=_without_comparisons(recording.lyapunov, columns["t_end"]),
+        y_end=outputs.ends[:, : model.n_state],
         stopped=bool((columns["status"] == Status.STOPPED).any()),
     )
 
@@ -380,9 +378,9 @@ def inputs_of(
     plan["rate"] = batch.rate
     plan["cost"] = cost
     plan["longest_step"] = longest_step
-    plan["first_comparison"] = batch.first_comparison
+    plan["comparison"] = batch.first_comparison
     plan["far"] = PLATEAU_SHARE * batch.scale
-    plan["tapped"] = batch.tapped
+    plan["arm"] = batch.tapped
     if len(batch.settled):
         plan["settled"] = batch.settled
     if len(batch.dead):
@@ -401,7 +399,8 @@ def inputs_of(
         plan["fuzz"] = np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
     y0 = np.ascontiguousarray(batch.y0)
     constants = np.ascontiguousarray(batch.constants)
-    return Inputs(y0, constants, np.ascontiguousarray(batch.probe), plan)
+    plans = plan.view(float).reshape(len(batch), plan.itemsize // 8)
+    return Inputs(y0, constants, np.ascontiguousarray(batch.probe), plans)
 
 
 def options_of(tableau: Tableau, tol: float, dt: float, max_steps: int) -> turn.Options:

@@ -26,18 +26,16 @@ from rattlesweep.kernel.method.tableau import DT, MAX_STEPS, TOL, Tableau
 from rattlesweep.kernel.outcome import Batch
 from rattlesweep.kernel.state.fields import (
     GROUP,
-    HELD,
     N_SLIP,
     NEVER,
-    PIVOTING,
-    ROLLING,
     SCAN,
-    SLIDING,
+    SLIP_SPEED,
     Slip,
 )
-from rattlesweep.kernel.state.lane import lane_of
+from rattlesweep.kernel.state.lane import lane_of, recorded
 from rattlesweep.kernel.state.status import Status
 from rattlesweep.kernel.state.statuses import OK
+from rattlesweep.kernel.state.ways import mode_of
 from rattlesweep.motion import rotations
 from rattlesweep.motion.chart import ANYWHERE
 from rattlesweep.motion.model import Model, find_model
@@ -90,6 +88,7 @@ def record_steps(
     widest_vectors()
     max_steps = options.most_steps
     lane = lane_of(problem, w, 0)
+    second = problem.first + traits.n_end  # row of what a lane has at its step's end
     if begins:
         turn.start_run(problem, traits, parts, w, 0, 0, inputs)
         lane.next = NEVER  # no window ends
@@ -99,7 +98,7 @@ def record_steps(
             lane.sign = 1.0 if lane.rate0 > 0.0 else -1.0
             lane.rate_max = lane.arm_rate
         for l in range(1, problem.lanes):
-            turn.ask(parts, answer.IDLE, w, l)
+            turn.empty_lane(problem, traits, parts, w, l)
     row = 0
     n_zeros = 0
     n_turns = 0
@@ -113,10 +112,12 @@ def record_steps(
             steps[row, T_LOW] = 0.0 if last else lane.t_low
             if traits.pivots:
                 steps[row, SENSE] = w[sense_row(problem, traits) * problem.lanes]
-            for c in range(2 * traits.n_state):
-                steps[row, STATE + c] = w[(problem.first + c) * problem.lanes]
-            for c, component in enumerate(lane.slip):
-                steps[row, steps.shape[1] - N_SLIP + c] = component
+            count = 2 * traits.n_state
+            runs.read_rows(problem, w, 0, problem.first, steps, row, STATE, count)
+            if traits.slides:
+                column = STATE + count
+                first = second - N_SLIP
+                runs.read_rows(problem, w, 0, first, steps, row, column, N_SLIP)
             extremes[row, RATIO_MAX] = lane.ratio_max
             extremes[row, NORMAL_MIN] = lane.normal_min
             row += 1
@@ -142,7 +143,7 @@ def record_steps(
         accepted = lane.accept > 0.0
         if not accepted:
             runs.hold_back(problem, traits, w, 0)
-        if traits.limited or runs.recorded(recording.contact):
+        if traits.limited or recorded(recording.contact):
             turn.watch(problem, traits, parts, w, recording)
         turn.commit(problem, traits, parts, w)
     turn.ask(parts, answer.MEASURE, w, 0)
@@ -152,8 +153,9 @@ def record_steps(
 
 @njit(**INNER)
 def sense_row(problem, traits):
-    """Return the row of the sense of the spin, which is the last constant."""
-    return problem.first + 2 * traits.n_end + traits.n_constants - 1
+    """Return the row of the sense of the spin, the last but the friction of slides."""
+    row = problem.first + 2 * traits.n_end + traits.n_probe + traits.n_constants - 1
+    return row - 1 if traits.slides else row
 
 
 def states_after(
@@ -162,55 +164,52 @@ def states_after(
     """Write the states a time ``offset`` after rows of ``steps`` to ``out``.
 
     Each is one step of the method in its own lane.  ``steps`` has the first ``given``
-    components of the state; others start at zero.  ``constants`` are those of the run
-    and then the fastest angular frequency of the spin.
+    components of the state; others start at zero, as the workspace does.
+    ``constants`` are those of the run and then the fastest angular frequency of the
+    spin.  The slip is written behind the state if the model slides.
     """
     widest_vectors()
-    row_of_constants = problem.first + 2 * traits.n_end
+    second = problem.first + traits.n_end
+    row_of_constants = second + traits.n_end + traits.n_probe
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        runs.fill_rows(problem, w, l, row_of_constants, constants, traits.n_constants)
+        count = traits.n_constants
+        runs.fill_rows(problem, w, l, row_of_constants, constants, 0, 0, count)
         # Lanes that slide try steps of the given sizes.
-        lane.mu = constants[constants.size - 2]
-        lane.swing = constants[constants.size - 1]
+        lane.swing = constants[0, constants.size - 1]
         lane.search = SCAN
     points = which.size
     for first in range(0, points, problem.lanes):
         for l in range(problem.lanes):
             i = min(first + l, points - 1)
             lane = lane_of(problem, w, l)
-            row = steps[which[i], STATE:]
+            step = which[i]
             rate_row = problem.first + traits.n_state
-            for c in range(traits.n_state):
-                is_given = c < given
-                y = row[c] if is_given else 0.0
-                f = row[given + c] if is_given else 0.0
-                w[(problem.first + c) * problem.lanes + l] = y
-                w[(rate_row + c) * problem.lanes + l] = f
+            runs.fill_rows(problem, w, l, problem.first, steps, step, STATE, given)
+            runs.fill_rows(problem, w, l, rate_row, steps, step, STATE + given, given)
+            sense = steps[step, SENSE]
             if traits.pivots:
-                sense = steps[which[i], SENSE]
                 w[sense_row(problem, traits) * problem.lanes + l] = sense
-                lane.mode = HELD if sense == 0.0 else PIVOTING
             if given < traits.n_state:
                 turn.ask(parts, answer.DERIVE, w, l)
             lane.h = offset[i]
-            lane.slip = Slip(*first_of(row[row.size - N_SLIP :], N_SLIP))
-            lane.slip1 = lane.slip
-            lane.past_h = 0.0
-            if lane.slip.speed > 0.0:
-                lane.mode = SLIDING
-            elif not traits.pivots:
-                lane.mode = ROLLING
+            slip = STATE + 2 * given
+            speed = steps[step, slip + SLIP_SPEED]
+            lane.mode = mode_of(speed, traits.pivots, sense)
+            if traits.slides:
+                for after in (second, second + traits.n_end):
+                    place = after - N_SLIP
+                    runs.fill_rows(problem, w, l, place, steps, step, slip, N_SLIP)
         call(parts[turn.ATTEMPT], (w, scale, problem.lanes))
         if traits.slides:
             call(parts[turn.SLIDE], (w, scale, False, 0))
-        end = problem.first + traits.n_end
         for l in range(min(problem.lanes, points - first)):
-            lane = lane_of(problem, w, l)
-            for c in range(traits.n_state):
-                out[first + l, c] = w[(end + c) * problem.lanes + l]
-            for c, component in enumerate(lane.slip1):
-                out[first + l, out.shape[1] - N_SLIP + c] = component
+            point = first + l
+            count = traits.n_state
+            runs.read_rows(problem, w, l, second, out, point, 0, count)
+            if traits.slides:
+                end = second + traits.n_end - N_SLIP
+                runs.read_rows(problem, w, l, end, out, point, count, N_SLIP)
 
 
 def observe_samples(problem, states, slips, senses, constants, out):
@@ -244,7 +243,7 @@ def states_recipe() -> Kernel:
     """Return :func:`states_after`, which serves all models and methods."""
     model = recipes.problem_of(None), recipes.TRAITS, 1, recipes.NO_PARTS
     points = recipes.TABLE, recipes.WHOLE, recipes.FLAT
-    arguments = *model, recipes.FLAT, *points, recipes.FLAT, 1.0, recipes.TABLE
+    arguments = *model, recipes.FLAT, *points, recipes.TABLE, 1.0, recipes.TABLE
     return Kernel(states_after, arguments, FOLLOW_OPTIONS)
 
 
@@ -524,8 +523,8 @@ class Follower:
     ) -> tuple[Floats, Floats]:
         """Return states and slips of a model at some times after rows of the table."""
         model = self._models[place]
-        out = np.empty((len(which), model.n_state + N_SLIP))
-        constants = np.append(self._batch.constants[0], self.swing)
+        out = np.zeros((len(which), model.n_state + N_SLIP))
+        constants = np.append(self._batch.constants[:1], [[self.swing]], axis=1)
         self._after(
             recipes.problem_of(None),
             recipes.traits_for(self._tableau, model),

@@ -9,15 +9,14 @@ from rattlesweep.arrays import Floats, Integers
 from rattlesweep.kernel import runs
 
 
-def _without_comparisons(growth: Floats, t_end: Floats) -> Floats:
-    """Return growths without those in the first window, but for motions that died out.
+def leave_out_comparisons(growth: Floats, t_end: Floats) -> None:
+    """Leave out growths in the first window, but for motions that died out.
 
     Their last growths are older than the end of the run.
     """
     if growth.shape[1] > runs.N_WINDOWS:
         ends = np.nan_to_num(growth[:, : runs.N_WINDOWS, 0]).max(axis=1)
         growth[ends >= t_end, runs.N_WINDOWS :] = np.nan
-    return growth
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class _Grown:
 
     @classmethod
     def of(cls, growth: Floats) -> Self:
-        """Return the growth in the rows of :attr:`Outcome.growth`."""
+        """Return the growth in the rows of :attr:`Outcome.lyapunov`."""
         # A step that ends several windows fills the row of the first; the empty rows
         # go to the end.
         order = np.argsort(growth[:, :, :1], axis=1, kind="stable")
@@ -69,10 +68,10 @@ class _Grown:
 def exponents(growth: Floats) -> tuple[Floats, Floats]:
     """Return finite-time Lyapunov exponents over each run and over its second half.
 
-    They are slopes of :attr:`Outcome.growth`, shape (runs, tangents), in ``sqrt(g/a)``,
-    and NaN where it is not finite. The growth up to half time is interpolated between
-    the ends of windows.  The second slopes are also NaN where half time falls within
-    the first window.
+    They are slopes of :attr:`Outcome.lyapunov`, shape (runs, tangents), in
+    ``sqrt(g/a)``, and NaN where it is not finite. The growth up to half time is
+    interpolated between the ends of windows.  The second slopes are also NaN where half
+    time falls within the first window.
     """
     grown = _Grown.of(growth)
     half = grown.end / 2

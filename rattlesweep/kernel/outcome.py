@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers
-from rattlesweep.kernel.look.marks import MARKS
+from rattlesweep.kernel.collected import ModeResults, Recorded
+from rattlesweep.kernel.runs import RunResults
 from rattlesweep.kernel.state.status import Status
 
 
@@ -45,60 +45,11 @@ class Batch:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(RunResults, ModeResults, Recorded):
     """Results of a :class:`Batch`: arrays over runs, NaN where a run has no value."""
 
-    t_end: Floats  # time reached
-    t_r: Floats  # first reversal
-    n_end: Floats  # spin at t_end
-    energy_drift: Floats  # at t_end, relative to energy_0
-    # Largest growth of the relevant amplitude between comparisons, relative.
-    amp_growth: Floats
-    n_departure: Floats  # largest loss of spin, relative to the launch
-    energy_0: Floats  # energy at launch
-    status: Integers  # values of Status
-    n_steps: Integers
-    near_tangencies: Integers
-    n_rejected: Integers
-    n_turns: Integers  # 0 if reversals are not recorded
     y_end: Floats  # states at t_end, shape (runs, n_state)
-    # The next four have no rows if the model does not slide.
-    t_slide: Floats  # begin of the first slide
-    n_slides: NDArray[np.int32]
-    slide_time: Floats  # time spent sliding
-    slide_work: Floats  # energy lost by sliding, relative to energy_0
-    # The next four have no rows if the model has no pivoting friction.
-    t_held: Floats  # begin of the first rest of the spin
-    held_time: Floats  # time for which the spin is held
-    pivot_work: Floats  # energy lost by pivoting, relative to energy_0
-    # 1 where a step ended at a state in which the plane would have to pull the body.
-    pulled: Floats
-    # The others have no rows if they were not recorded.
-    energy_drift_max: Floats
-    contact_ratio_max: Floats
-    contact_normal_min: Floats
-    volume_rate: Floats
-    late: Floats  # mean and deviation of the spin in the last quarter, shape (runs, 2)
-    marks: Floats  # times of `look.marks`, shape (runs, marks)
-    # Least and largest value, then means between reversals, shape (runs, 10, 2).
-    casimir: Floats
-    # Amplitude, least and largest spin in each window, shape (runs, 64, 3).
-    windows: Floats
-    # Time of each reversal and largest modulus of the spin until the next, shape (runs,
-    # 8, 2).
-    reversals: Floats
-    # Time and logarithm of the tangent's growth at the ends of the windows and of the
-    # run, shape (runs, 64, 2).  If a step ends several windows, only the row of the
-    # first is filled.  For the spectrum there are N_GROWTHS logarithms, and
-    # N_COMPARISONS further rows within the first window.
-    growth: Floats
     stopped: bool  # whether the kernel was stopped before all runs had ended
-
-    def mark(self, name: str) -> Floats:
-        """Return the times of a mark of `look.marks`, NaN where there is none."""
-        (place,) = [k for k, mark in enumerate(MARKS) if mark.name == name]
-        times: Floats = self.marks[:, place]
-        return times
 
 
 def has_settled(batch: Batch, outcome: Outcome) -> Flags:

@@ -12,13 +12,15 @@ from rattlesweep.arrays import Floats
 from rattlesweep.compiling.intrinsics import INNER, addresses_of
 from rattlesweep.compiling.loading import Compiled, Kernel, Order, load_kernels
 from rattlesweep.kernel import answer, runs, tangents, turn
+from rattlesweep.kernel.collected import Recording, layout_of
 from rattlesweep.kernel.event import looks
 from rattlesweep.kernel.event.zeros import HOLD
 from rattlesweep.kernel.look import notes
+from rattlesweep.kernel.look.extremes import OF_EXTREMES
 from rattlesweep.kernel.look.marks import MARKS
 from rattlesweep.kernel.method.tableau import METHODS, Tableau
 from rattlesweep.kernel.mode import modes
-from rattlesweep.kernel.runs import Inputs, Outputs, Recording
+from rattlesweep.kernel.runs import Inputs, Outputs
 from rattlesweep.kernel.state.fields import LANES
 from rattlesweep.kernel.state.lane import Problem
 from rattlesweep.kernel.state.statuses import OK
@@ -35,9 +37,9 @@ from rattlesweep.physics import frame
 from rattlesweep.physics.surface import PARABOLOID
 
 RECORDINGS = Recording._fields
-# Observations for which steps are looked into (`kernel.looks_within`).
-LOOKED_INTO = {"contact", "reversals", "marks"} | {mark.name for mark in MARKS}
-NOTED = {"late", "casimir"}  # observations that need notes (`turn.takes_notes`)
+# Observations for which steps are looked into (`event.looks`).
+LOOKED_INTO = {*OF_EXTREMES, "marks", *(mark.name for mark in MARKS)}
+NOTED = {"late", "casimir"}  # observations that need notes (`look.notes`)
 N_PARTS = turn.GROWTH + 1
 
 
@@ -50,11 +52,11 @@ def problem_of(
     The loop that calls them has a problem without a model.
     """
     if model is None:
-        return Problem(None, width)
+        return Problem(None, layout_of(None), width)
     ways = modes.modes_of(model, rimmed)
     carried = tangents_of(model)
     block = block_of(model) if model.slide is not None else None
-    return Problem(model, width, ways, carried, rimmed, block)
+    return Problem(model, layout_of(model), width, ways, carried, rimmed, block)
 
 
 def traits_for(tableau: Tableau, model: Model, *, rimmed: bool = False) -> Traits:
@@ -88,10 +90,10 @@ FLAT = np.zeros(0)
 TABLE = np.zeros((0, 1))
 WHOLE = np.zeros(0, dtype=np.int64)
 NO_PARTS = np.zeros(1, dtype=np.int64)
-INPUTS = Inputs(TABLE, TABLE, TABLE, np.zeros(0, runs.PLAN))
+INPUTS = Inputs(TABLE, TABLE, TABLE, TABLE)
 SETTINGS = turn.Options(1.0, 1.0, 1.0)
-NOTHING = Recording(*(np.zeros((0, 1, 1)) for _ in RECORDINGS))
-OUTPUTS = Outputs(np.zeros(0, modes.RESULT), TABLE)
+NOTHING: Any = Recording(*(np.zeros((0, 1, 1)) for _ in RECORDINGS))
+OUTPUTS = Outputs(np.zeros(0, runs.RESULT), TABLE)
 SHARED = WHOLE, WHOLE, INPUTS, SETTINGS, TABLE, OUTPUTS, NOTHING
 TRAITS = traits_of(problem_of(FULL), FULL, adaptive=True)
 CALLED: dict[str, object] = INNER | {"no_cpython_wrapper": False}
@@ -127,11 +129,12 @@ def attempt_recipe(tableau_name: str, model_name: str, extra: str = "") -> Kerne
     """Return the step of a method and a model; ``extra`` is ``volume`` or empty."""
     tableau = METHODS[tableau_name]
     model = find_model(model_name)
+    problem = problem_of(model)
     if model.stiffness is not None:
-        written = write_implicit(model)
+        written = write_implicit(problem)
     else:
-        written = write_attempt(tableau, model, volume=extra == "volume")
-    return Kernel(written, (problem_of(model), FLAT, 1.0, LANES), OPTIONS)
+        written = write_attempt(tableau, problem, volume=extra == "volume")
+    return Kernel(written, (problem, FLAT, 1.0, LANES), OPTIONS)
 
 
 def answer_recipe(model_name: str, rim: str = "") -> Kernel:
@@ -159,7 +162,7 @@ def slide_recipe(model_name: str, rim: str = "") -> Kernel:
 def look_recipe(model_name: str) -> Kernel:
     """Return :func:`looks.look_within` for a model."""
     problem = problem_of(find_model(model_name))
-    arguments = problem, FLAT, looks.ROLLED, True, True, NOTHING.marks
+    arguments = problem, FLAT, looks.ROLLED, 0, NOTHING.marks
     return Kernel(looks.look_within, arguments, INNER)
 
 
@@ -210,10 +213,10 @@ def addresses(
     """
     if not config.DISABLE_JIT:
         return addresses_of(*(loaded[order] if order else None for order in called))
-    bound: list[Callable[..., object] | None] = []
+    bound: list[object] = []
     for order in called:
         if order is None:
-            bound.append(None)
+            bound.append(0)
             continue
         recipe, *names = order
         problem = recipe(*names).arguments[0]

@@ -1,59 +1,153 @@
 """A run in a lane: its start, what is observed at its steps, its end."""
 
 # mypy: ignore-errors
+from dataclasses import dataclass
 from math import isfinite, nan, sqrt
-from typing import NamedTuple
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rattlesweep.arrays import Floats
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.compiling.intrinsics import INNER, copy_numbers, widest_vectors
-from rattlesweep.kernel.look.casimir import MEANS
-from rattlesweep.kernel.look.marks import MARKS
-from rattlesweep.kernel.state.fields import NEVER, SLIDING, STEP, Point
-from rattlesweep.kernel.state.lane import clear, lane_of
+from rattlesweep.kernel.look import extremes
+from rattlesweep.kernel.state.fields import (
+    MOST_REVERSALS,
+    NEVER,
+    STEP,
+    Flag,
+    Number,
+    Point,
+)
+from rattlesweep.kernel.state.lane import lane_of, recorded
 from rattlesweep.kernel.state.statuses import AT_LIMIT, ENERGY_OFF, NONFINITE, OK, RIM
+from rattlesweep.kernel.state.ways import keeps_zero, steps_in_block
 from rattlesweep.physics.full import TINY
 
-# The arrays that a kernel reads and writes have one row for each run.
-PLAN = np.dtype(
-    [
-        ("horizon", float),
-        ("swing", float),  # fastest angular frequency of the spin
-        ("window", float),  # length of the windows whose amplitudes are compared
-        ("rate", float),  # bound of the spin's rate in the first steps
-        ("first_step", float),
-        ("longest_step", float),
-        ("cost", float),  # expected
-        # depth of an extremum whose sign is not known, relative to the swing
-        ("fuzz", float),
-        ("first_comparison", float),  # time of the first comparison of amplitudes
-        ("far", float),  # modulus beyond which the spin is on one side
-        ("tapped", float),  # 1 if the run is launched without spin
-        # largest oscillation, as in Model.error, of a settled run; 0 if none may settle
-        ("settled", float),
-        ("dead", float),  # fraction of the energy below which a body is dead
-        ("rim", float),  # height of the rim
-    ],
-    align=True,
+N_WINDOWS = 64  # windows that are stored
+# Types of the numbers in arrays of results.
+NUMBER_OF: dict[Any, type] = {Floats: float, Integers: int, NDArray[np.int32]: np.int32}
+
+
+class PlanFields:
+    """What a run begins with; a row of the table of plans has these numbers."""
+
+    horizon: Number
+    swing: Number  # fastest angular frequency of the spin
+    window: Number  # length of the windows whose amplitudes are compared
+    rate: Number  # bound of the spin's rate in the first steps
+    first_step: Number
+    longest_step: Number
+    cost: Number  # expected
+    fuzz: Number  # depth of an undecided extremum, relative to the swing
+    comparison: Number  # time of the next comparison of amplitudes in the first window
+    far: Number  # modulus beyond which the spin counts as being on one side
+    # Whether no zero counts before the spin is far: after a launch without spin.
+    arm: Flag
+    # Largest oscillation, as in Model.error, of a settled run; 0 if none may settle.
+    settled: Number
+    dead: Number  # fraction of the energy below which a body is dead
+    rim: Number  # height of the rim
+
+
+PLAN = np.dtype([(name, float) for name in get_type_hints(PlanFields)])
+
+
+class RunFields:
+    """The run in a lane."""
+
+    run: Number  # index, or -1 in an empty lane
+    refused0: Number  # status of a launch that ends at once, or 0
+    t_ended: Number  # time at which it has ended
+    rejected: Number  # rejected steps
+    t_moved: Number  # time up to which searches have brought the lane
+    looked: Number  # tries and steps since then that have brought it no further
+
+    # Spin.
+    n_launch: Number
+    # `far` while it matters when the spin gets there, else `NEVER`: after a launch
+    # without spin, and after a zero if reversals are recorded.
+    awaited: Number
+    arm_rate: Number  # `rate_max` from there on
+    far_rate: Number  # largest recent rate until then
+
+    # Comparisons of squared amplitudes.
+    a_min: Number  # smallest of those compared
+    growth: Number  # largest ratio
+    compared: Number  # number of comparisons
+    a_floor: Number  # smallest amplitude that counts
+
+    # The present window.
+    window_end: Number
+    window_no: Number
+    window_a_max: Number  # squared amplitude
+    window_n_min: Number
+    window_n_max: Number
+
+    # Energy, as the model says when asked (`kernel.answer`).
+    energy0: Number  # at launch
+    energy1: Number  # at the end of the step, less the work
+    energy_most: Number  # largest at launch and at the ends of windows
+    work1: Number  # of friction until the end of the step
+    oscillation1: Number  # largest oscillation at the end of the step
+    drift_max: Number
+    volume: Number  # logarithm of phase volume
+    volume_rate1: Number  # its rate over the step
+
+    # Reversals; times are -1 for none.
+    t_zero: Number  # first zero of the spin
+    t_pending: Number  # first zero since the spin was last far
+    t_crossed: Number  # latest zero, also of a dead body
+    t_turn: Number  # latest reversal
+    side: Number  # sign of the spin when it was last far, 0 if it has never been
+    reversals: Number  # changes of side
+
+
+@dataclass(frozen=True)
+class RunResults:
+    """Results of every run: arrays over runs, NaN where a run has no value."""
+
+    t_end: Floats  # time reached
+    t_r: Floats  # first reversal
+    n_end: Floats  # spin at t_end
+    energy_drift: Floats  # at t_end, relative to energy_0
+    # Largest growth of the relevant amplitude between comparisons, relative.
+    amp_growth: Floats
+    n_departure: Floats  # largest loss of spin, relative to the launch
+    energy_0: Floats  # energy at launch
+    status: Integers  # values of Status
+    n_steps: Integers
+    near_tangencies: Integers
+    n_rejected: Integers
+    n_turns: Integers  # 0 if reversals are not recorded
+
+
+RESULT = np.dtype(
+    [(name, NUMBER_OF[kind]) for name, kind in get_type_hints(RunResults).items()]
 )
-# Fields of the results of a run, which are attributes of an Outcome.
-RESULTS = (
-    ("t_end", float),
-    ("t_r", float),
-    ("n_end", float),
-    ("energy_drift", float),
-    ("amp_growth", float),
-    ("n_departure", float),
-    ("energy_0", float),
-    ("status", int),
-    ("n_steps", int),
-    ("near_tangencies", int),
-    ("n_rejected", int),
-    ("n_turns", int),
-)
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """What may be recorded of every run."""
+
+    energy: Annotated[Floats, (1, 1)]  # largest drift
+    # Amplitude, least and largest spin in each window.
+    windows: Annotated[Floats, (N_WINDOWS, 3)]
+    # Time of each reversal and largest modulus of the spin until the next.
+    reversals: Annotated[Floats, (MOST_REVERSALS, 2)]
+    volume: Annotated[Floats, (1, 1)]  # mean rate of phase volume
+
+    @property
+    def energy_drift_max(self) -> Floats:
+        """Return the largest drift of the energy."""
+        return self.energy[:, 0, 0]
+
+    @property
+    def volume_rate(self) -> Floats:
+        """Return the mean rate of phase volume."""
+        return self.volume[:, 0, 0]
 
 
 class Inputs(NamedTuple):
@@ -62,54 +156,14 @@ class Inputs(NamedTuple):
     y0: Floats  # initial states
     constants: Floats
     probe: Floats
-    plan: NDArray[np.void]  # of PLAN
-
-
-class Recording(NamedTuple):
-    """What a kernel records: arrays of shape (runs, rows, columns).
-
-    An array has no runs if its observation is not recorded.
-    """
-
-    energy: Floats  # largest drift
-    contact: Floats  # largest ratio of the forces, least normal force
-    windows: Floats  # amplitude, least and largest spin in each window
-    # Time of each reversal and largest modulus of the spin until the next.
-    reversals: Floats
-    volume: Floats  # mean rate of phase volume
-    # Time and logarithm of the tangent's growth at the ends of the windows and of the
-    # run.  If a step ends several windows, only the row of the first is filled.  With a
-    # frame there are N_GROWTHS logarithms: of its tangents, the flow and the energy.
-    lyapunov: Floats
-    marks: Floats  # times of the first zeros of `look.marks`
-    late: Floats  # mean spin and its standard deviation in the last quarter
-    casimir: Floats  # range, and means between reversals, of `look.casimir`
-
-
-N_GROWTHS = 5
-N_WINDOWS = 64
-# Rows of `lyapunov` for a frame, after those of the windows: the comparisons within the
-# first window.  Where a motion dies out there, nothing else tells how.
-N_COMPARISONS = 24
-MOST_REVERSALS = 8  # reversals that are stored
-SHAPES = Recording(
-    energy=(1, 1),
-    contact=(1, 2),
-    windows=(N_WINDOWS, 3),
-    reversals=(MOST_REVERSALS, 2),
-    volume=(1, 1),
-    lyapunov=(N_WINDOWS, 2),
-    marks=(1, len(MARKS)),
-    late=(1, 2),
-    casimir=(MEANS + 1 + MOST_REVERSALS, 2),
-)
+    plan: Floats  # columns of PLAN
 
 
 class Outputs(NamedTuple):
     """What a kernel writes of every run."""
 
-    results: NDArray[np.void]  # of RESULTS and `Mode.results`
-    y_end: Floats
+    results: NDArray[np.void]  # of RESULT
+    ends: Floats  # state at the end, then results of modes
 
 
 MAX_ENERGY_DRIFT = 0.01
@@ -123,12 +177,6 @@ LEAST_HEADWAY = 1e-15
 MOST_TRIES = 1e5
 TRIES_OF_STEP = 1e3
 UNKNOWN_RATE = NEVER  # bound of the spin's rate with which every step may reverse
-
-
-@njit(**INNER)
-def recorded(array):
-    """Return whether an observation is recorded."""
-    return array.shape[0] > 0
 
 
 @njit(**INNER)
@@ -207,39 +255,11 @@ def compare_due(lane, t, run, recording):
 
 
 @njit(**INNER)
-def may_settle(lane, most):
-    """Return whether no amplitude grew in two windows, so that the run may settle.
-
-    ``most`` is the largest oscillation of a settled run, or 0 if none may settle.
-    """
-    if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0:
-        return False
-    return lane.t_zero < 0.0
-
-
-@njit(**INNER)
 def include_end(lane):
     """Let the end of the step just tried count in the present window."""
     lane.a_max = max(lane.a_max, lane.amplitude)
     lane.window_n_min = min(lane.window_n_min, lane.n1)
     lane.window_n_max = max(lane.window_n_max, lane.n1)
-
-
-@njit(**INNER)
-def note_mark(lane, marks):
-    """Store the mark that was found in the step, if there is one."""
-    if lane.mark_found > 0.0:
-        marks[int(lane.run), 0, int(lane.mark_found) - 1] = lane.t_mark
-        lane.mark_found = 0.0
-
-
-@njit(**INNER)
-def start_points(lane):
-    """Let the functions at the end of the step be those at the next start."""
-    ratio = lane.ratio1
-    lift = lane.lift1
-    lane.ratio0 = Point(0.0, ratio.value, ratio.rate)
-    lane.lift0 = Point(0.0, lift.value, lift.rate)
 
 
 @njit(**INNER)
@@ -251,9 +271,9 @@ def advance_limit(problem, w):
         lane = lane_of(problem, w, l)
         start = lane.margin0
         end = lane.margin1
-        mode = lane.mode
+        slides = steps_in_block(lane)
         lane.margin0 = end if lane.accept > 0.0 else start
-        others += 1 if mode == SLIDING else 0
+        others += 1 if slides else 0
     if others == 0:
         return
     for l in range(problem.lanes):
@@ -265,13 +285,6 @@ def advance_limit(problem, w):
         lane.limit0 = Point(0.0, value, end.rate if moves else start.rate)
 
 
-@njit(**INNER)
-def note_contact(lane):
-    """Let the end of the step just tried count in the extremes of the contact."""
-    lane.ratio_max = max(lane.ratio_max, lane.ratio1.value)
-    lane.normal_min = min(lane.normal_min, -lane.lift1.value)
-
-
 # Reversals.
 
 
@@ -279,7 +292,7 @@ def note_contact(lane):
 def is_dead(lane):
     """Return whether too little energy is left for a reversal at the step's end.
 
-    The work of friction until there is `Lane.work1`.
+    The work of friction until there is `RunFields.work1`.
     """
     if lane.dead == 0.0:
         return False
@@ -370,48 +383,51 @@ def stalls(lane, moves):
 
 
 @njit(**INNER)
-def fill_rows(problem, w, l, row, numbers, count):
-    """Write the first numbers of an array to rows of lane ``l``."""
+def clear(problem, traits, w, l):
+    """Set all fields of lane ``l`` to zero."""
+    for k in range(traits.n_fields):
+        w[k * problem.lanes + l] = 0.0
+
+
+@njit(**INNER)
+def fill_rows(problem, w, l, row, table, place, first, count):
+    """Write numbers of a row of a table, from a column on, to rows of lane ``l``."""
     for k in range(count):
-        w[(row + k) * problem.lanes + l] = numbers[k]
+        w[(row + k) * problem.lanes + l] = table[place, first + k]
+
+
+@njit(**INNER)
+def read_rows(problem, w, l, row, table, place, first, count):
+    """Copy rows of lane ``l`` to a row of a table, from a column on."""
+    for k in range(count):
+        table[place, first + k] = w[(row + k) * problem.lanes + l]
 
 
 @njit(**INNER)
 def start(problem, traits, w, l, run, inputs):
     """Set launch and plan of the next run in a lane, whose model then begins it."""
     lane = lane_of(problem, w, l)
-    clear(lane)
-    plan = inputs.plan[run]
-    constants = inputs.constants[run]
+    clear(problem, traits, w, l)
+    # The plan has the first rows.
+    fill_rows(problem, w, l, 0, inputs.plan, run, 0, inputs.plan.shape[1])
     lane.run = run
     lane.root0 = 1.0
     row = problem.first
-    fill_rows(problem, w, l, row, inputs.y0[run], traits.n_state)
+    fill_rows(problem, w, l, row, inputs.y0, run, 0, traits.n_state)
     row += 2 * traits.n_end
-    fill_rows(problem, w, l, row, constants, traits.n_constants)
-    row += traits.n_constants
-    fill_rows(problem, w, l, row, inputs.probe[run], traits.n_probe)
-    if traits.slides:
-        lane.mu = constants[traits.n_constants]
-    lane.t_end = plan["horizon"]
-    lane.swing = plan["swing"]
-    lane.window = lane.window_end = plan["window"]
-    lane.comparison = plan["first_comparison"]
-    lane.next = min(plan["first_comparison"], plan["window"])
-    lane.rate_max = plan["rate"]
-    lane.far = plan["far"]
+    fill_rows(problem, w, l, row, inputs.probe, run, 0, traits.n_probe)
+    row += traits.n_probe
+    fill_rows(problem, w, l, row, inputs.constants, run, 0, traits.n_constants)
+    lane.t_end = lane.horizon
+    lane.h_longest = lane.longest_step
+    lane.rate_max = lane.rate
+    lane.window_end = lane.window
+    lane.next = min(lane.comparison, lane.window)
     lane.t_zero = lane.t_pending = lane.t_crossed = -1.0
-    lane.awaited = NEVER
-    if plan["tapped"] > 0.0:
-        lane.awaited = plan["far"]
-        lane.arm = 1.0
-    lane.rim = plan["rim"]
-    lane.fuzz = plan["fuzz"]
-    lane.dead = plan["dead"]
-    lane.h_longest = plan["longest_step"]
-    if plan["first_step"] >= lane.t_end:
+    lane.awaited = lane.far if lane.arm > 0.0 else NEVER
+    if lane.first_step >= lane.t_end:
         lane.last = 1.0
-    lane.h = lane.h_next = min(plan["first_step"], lane.t_end)
+    lane.h = lane.h_next = min(lane.first_step, lane.t_end)
 
 
 @njit(**INNER)
@@ -431,8 +447,6 @@ def hold_back(problem, traits, w, l):
         start = (problem.first + k) * problem.lanes + l
         w[start + traits.n_end * problem.lanes] = w[start]
     hold_values(lane)
-    if traits.slides:
-        lane.slip1 = lane.slip
 
 
 @njit(**INNER)
@@ -447,7 +461,7 @@ def advance(problem, traits, w):
 def finish(problem, traits, w, l, status, reversal, t, outputs, recording):
     """Store the results of a run that ends with the step just tried, at time ``t``.
 
-    The energy there is known (`Lane.energy1`).
+    The model has set its energy there, and the results of its modes (`answer.END`).
     """
     lane = lane_of(problem, w, l)
     run = int(lane.run)
@@ -469,16 +483,14 @@ def finish(problem, traits, w, l, status, reversal, t, outputs, recording):
         t_r = lane.t_zero
     if recorded(recording.energy):
         recording.energy[run, 0, 0] = max(lane.drift_max, abs(drift))
-    if recorded(recording.contact):
-        note_contact(lane)
-        recording.contact[run, 0, 0] = lane.ratio_max
-        recording.contact[run, 0, 1] = lane.normal_min
+    extremes.store(lane, run, recording)
     if recorded(recording.volume) and status == OK:
         recording.volume[run, 0, 0] = (lane.volume + lane.h * lane.volume_rate1) / t
     result = outputs.results[run]
     result["t_end"] = t
     result["t_r"] = t_r
-    result["n_end"] = n
+    # Without the rounding errors of the state, so that rows tell it is held.
+    result["n_end"] = 0.0 if keeps_zero(lane) else n
     result["energy_drift"] = drift
     # The first comparison only sets the reference.
     result["amp_growth"] = sqrt(lane.growth) - 1.0 if lane.compared > 1.0 else nan
@@ -490,9 +502,11 @@ def finish(problem, traits, w, l, status, reversal, t, outputs, recording):
     result["near_tangencies"] = int(lane.near)
     result["n_rejected"] = int(lane.rejected)
     result["n_turns"] = int(lane.reversals)
-    end = (problem.first + traits.n_end) * problem.lanes + l
-    for i in range(traits.n_state):
-        outputs.y_end[run, i] = w[end + i * problem.lanes]
+    end = problem.first + traits.n_end
+    first = traits.n_state
+    read_rows(problem, w, l, end, outputs.ends, run, 0, first)
+    count = traits.n_fields - traits.results
+    read_rows(problem, w, l, traits.results, outputs.ends, run, first, count)
     return status
 
 

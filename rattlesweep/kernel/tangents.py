@@ -6,16 +6,27 @@ same as without them.
 """
 
 # mypy: ignore-errors
+from dataclasses import dataclass
 from math import log, sqrt
+from typing import Annotated
 
 from numba import njit
 
+from rattlesweep.arrays import Floats
 from rattlesweep.compiling.intrinsics import INNER, barrier, widest_vectors
-from rattlesweep.kernel.state.lane import Tangents, lane_of
+from rattlesweep.kernel.runs import N_WINDOWS
+from rattlesweep.kernel.state.fields import Lengths, Number, State, Tangent
+from rattlesweep.kernel.state.lane import Tangents, lane_of, nothing
 from rattlesweep.motion.model import Model
 from rattlesweep.physics.full import FASTMATH, scalar
 
-# Columns of `runs.Recording.lyapunov` after the time and the growths of the frame.
+# Logarithms of growth for a frame: of its tangents, the flow and the energy.
+N_GROWTHS = 5
+# Rows of a table of growths for a frame, after those of the windows: the comparisons
+# within the first window.  Where a motion dies out there, nothing else tells how.
+N_COMPARISONS = 24
+OF_FRAME = N_WINDOWS + N_COMPARISONS, 1 + N_GROWTHS  # shape of the table
+# Columns of a table of growths after the time and the growths of the frame.
 FLOW_GROWTH, ENERGY_GROWTH = 4, 5
 # The norm of a tangent stays between 2^-SHIFT and 2^SHIFT.
 SHIFT = 200
@@ -26,6 +37,37 @@ SHORT = SHORTER**2
 LONG = LONGER**2
 # Squared norm below which a flow no longer determines what is normal to it.
 NO_FLOW = 1e-270
+
+
+class TangentFields:
+    """The tangents at either end of the step."""
+
+    v: Tangent
+    g: Tangent  # derivative
+
+
+class GrowthFields:
+    """The growth of tangents, and what their steps need."""
+
+    shift: Number  # exponent of the power of two taken out of the tangent
+    flow0: Number  # logarithm of the flow's norm at launch
+    steep0: Number  # logarithm of the norm of the energy's gradient at launch
+    ys: State  # in a stage
+    fs: State
+    # Growth of the tangents of a frame so far, with powers of two taken out.
+    length: Lengths
+    shifts: Lengths  # exponents of these powers
+
+
+@dataclass(frozen=True)
+class GrowthRecord:
+    """Time and logarithm of the tangent's growth at the ends of windows and of runs.
+
+    If a step ends several windows, only the row of the first is filled.  A frame has
+    more rows and columns (`OF_FRAME`).
+    """
+
+    lyapunov: Annotated[Floats, (N_WINDOWS, 2)]
 
 
 # A tangent.
@@ -167,11 +209,6 @@ def note_frame(lane, t, k, growths):
 def note_growth(problem, w, l, t, k, growths):
     """Store the growth of the tangents of lane ``l`` at time ``t`` in row ``k``."""
     problem.tangents.note(lane_of(problem, w, l), t, k, growths)
-
-
-@njit(**INNER)
-def nothing(*arguments):
-    """Do nothing, for a run without tangents or a body that only rolls."""
 
 
 NONE = Tangents(nothing, nothing, nothing)

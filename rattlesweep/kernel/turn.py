@@ -41,20 +41,16 @@ from rattlesweep.kernel.event.zeros import (
     may_be_far,
     may_reverse,
 )
-from rattlesweep.kernel.look import late
-from rattlesweep.kernel.mode import modes
-from rattlesweep.kernel.runs import recorded
+from rattlesweep.kernel.look import extremes, late
+from rattlesweep.kernel.look.marks import note_mark
 from rattlesweep.kernel.state.fields import (
     GROUP,
-    HELD,
     NEVER,
     PEAK,
-    PIVOTING,
-    SLIDING,
     STEP,
     Point,
 )
-from rattlesweep.kernel.state.lane import lane_of
+from rattlesweep.kernel.state.lane import lane_of, recorded
 from rattlesweep.kernel.state.statuses import (
     AT_LIMIT,
     NONFINITE,
@@ -62,6 +58,12 @@ from rattlesweep.kernel.state.statuses import (
     RIM,
     STEP_LIMIT,
     STEP_TOO_SMALL,
+)
+from rattlesweep.kernel.state.ways import (
+    counts_zeros,
+    keeps_zero,
+    steps_in_block,
+    turns_at_zero,
 )
 from rattlesweep.kernel.step import slots
 from rattlesweep.kernel.step.radau import WIDTH
@@ -77,9 +79,9 @@ class Options(NamedTuple):
 
 # Indices into ``parts``: the addresses of ``attempt``, of :func:`look_closer`, of
 # `answer.answer`; of `answer.answer_for_all` for models with modes or tangents, of
-# `looks.look_within` where :func:`looks_within` says so, of `slots.slide_lanes` for a
-# model that slides, of `notes.note_step` where :func:`takes_notes` says so, and of
-# `tangents.note_growth` for models with tangents.
+# `looks.look_within` where steps are looked into, of `slots.slide_lanes` for a model
+# that slides, of `notes.note_step` where something is noted that depends on the model,
+# and of `tangents.note_growth` for models with tangents.  Others are 0.
 ATTEMPT, CLOSER, ANSWER, ANSWER_FOR_ALL, LOOK, SLIDE, NOTE, GROWTH = range(8)
 # Stages of :func:`decide_closely`: the zeros in a step tried, those after an event that
 # was found in it, the extremes in a step that is to be taken.
@@ -108,12 +110,6 @@ LEAST_ERROR = 1e-30
 def ask(parts, asked, w, l):
     """Ask the model of lane ``l`` for what changes neither a status nor a move."""
     call_for_pair(parts[ANSWER], (asked, w, l, OK, HOLD, False, False))
-
-
-@njit(**INNER)
-def ends_at_limit(lane, move):
-    """Return whether a step that is taken ends at the limit of its mode."""
-    return move == TAKE and lane.h == lane.h_limit
 
 
 @njit(**INNER)
@@ -150,7 +146,8 @@ def decide_closely(lane, max_steps, stage):
     lane.accept = 0.0 if move == HOLD else 1.0
     if move == HOLD:
         return OK, HOLD
-    if ends_at_limit(lane, move):
+    if move == TAKE and lane.h == lane.h_limit:
+        # The step that is taken ends at the limit of its mode.
         return AT_LIMIT, TAKE
     return STEP_LIMIT if lane.steps >= max_steps else OK, move
 
@@ -167,12 +164,12 @@ def search_zeros(lane):
             lane.rate_max = runs.UNKNOWN_RATE
             lane.far_rate = max(0.9 * lane.far_rate, abs(lane.rate1))
     reverses = may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
-    leaves = lane.leaves > 0.0 or (lane.mode == PIVOTING and reverses)
+    leaves = lane.leaves > 0.0 or (turns_at_zero(lane) and reverses)
     if lane.searched == zeros.LIMIT or (lane.search == STEP and leaves):
         move = zeros.search_limit(lane)
     if move != TAKE:
         return move
-    crosses = reverses and zeros.counts_zeros(lane) and lane.sign != 0.0
+    crosses = reverses and counts_zeros(lane) and lane.sign != 0.0
     if lane.search == STEP and not crosses and not may_be_far(lane):
         return TAKE
     start = Point(0.0, lane.n0, lane.rate0)
@@ -203,7 +200,7 @@ def deciding(adaptive: bool):
                 h_next = h_next if h_next < longest else longest
             reverses = may_reverse(h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
             # A spin that is held does not reverse, nor one of which no zero counts.
-            reverses &= (lane.sign != 0.0) & (lane.mode != HELD)
+            reverses &= (lane.sign != 0.0) & (not keeps_zero(lane))
             # With 'or' instead of '|' the later operands would be loaded under a mask.
             due = (
                 reverses
@@ -301,7 +298,7 @@ def watch(problem, traits, parts, w, recording):
     """Update the records of lanes whose step was accepted."""
     if traits.limited:
         runs.advance_limit(problem, w)
-    if not is_recording(recording):
+    if not is_recording(parts, recording):
         return
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
@@ -314,12 +311,11 @@ def watch(problem, traits, parts, w, recording):
             off = abs(lane.energy1 - lane.energy0)
             scale = runs.scale_of_energy(traits, lane)
             lane.drift_max = max(lane.drift_max, off / scale)
-        if takes_notes(recording):
+        if parts[NOTE] != 0:
             casimir = recording.casimir
             noted = recorded(recording.late), recorded(casimir), False
             call(parts[NOTE], (w, l, *noted, casimir))
-        if recorded(recording.contact):
-            runs.note_contact(lane)
+        extremes.note_end(lane, recording)
         if recorded(recording.windows):
             lane.window_n_min = min(lane.window_n_min, lane.n1)
             lane.window_n_max = max(lane.window_n_max, lane.n1)
@@ -327,44 +323,24 @@ def watch(problem, traits, parts, w, recording):
             runs.note_turn(lane, recording.reversals)
         if recorded(recording.volume):
             lane.volume += lane.h * lane.volume_rate1
-        if recorded(recording.contact):
-            runs.start_points(lane)
 
 
 @njit(**INNER)
-def is_recording(recording):
+def is_recording(parts, recording):
     """Return whether something is recorded of each accepted step."""
     return (
         recorded(recording.energy)
-        or recorded(recording.contact)
+        or extremes.wanted(recording) != 0
         or recorded(recording.windows)
-        or recorded(recording.reversals)
         or recorded(recording.volume)
-        or takes_notes(recording)
-    )
-
-
-@njit(**INNER)
-def takes_notes(recording):
-    """Return whether something is noted that depends on the model."""
-    return recorded(recording.late) or recorded(recording.casimir)
-
-
-@njit(**INNER)
-def looks_within(recording):
-    """Return whether steps are looked into."""
-    return (
-        recorded(recording.contact)
-        or recorded(recording.reversals)
-        or recorded(recording.marks)
+        or parts[NOTE] != 0
     )
 
 
 @njit(**INNER)
 def look(parts, w, stage, recording):
     """Look into the steps tried on all lanes."""
-    kept = recorded(recording.contact), recorded(recording.reversals), recording.marks
-    call(parts[LOOK], (w, stage, *kept))
+    call(parts[LOOK], (w, stage, extremes.wanted(recording), recording.marks))
 
 
 @njit(forceinline=True, **INNER)
@@ -390,7 +366,7 @@ def try_step(problem, traits, parts, w, options, recording, used):
         # Lanes that slide replace what was done to them.
         fewest = slots.FEWEST_SLIDING if rolls else WIDTH
         call(parts[SLIDE], (w, options.scale, recorded(recording.contact), fewest))
-    if looks_within(recording):
+    if parts[LOOK] != 0:
         look(parts, w, looks.STEPPED, recording)
     due = decide(problem, traits, w, options.fixed_step, options.most_steps)
     if some_slide:
@@ -460,7 +436,7 @@ def search_closely(traits, lane, max_steps, goes_on, reversals, marks):
             return status, move
     status, move = decide_closely(lane, max_steps, PEAKS)
     if recorded(marks):
-        runs.note_mark(lane, marks)
+        note_mark(lane, marks)
     return status, move
 
 
@@ -490,12 +466,10 @@ def compare_at(problem, traits, parts, w, l, t, recording):
 
 
 @njit(**INNER)
-def settled(parts, w, l, lane, most):
-    """Return whether no amplitude grew in two windows and little oscillation is left.
-
-    ``most`` is the largest oscillation of a settled run, or 0 if none may settle.
-    """
-    if not runs.may_settle(lane, most):
+def settled(parts, w, l, lane):
+    """Return whether no amplitude grew in two windows and the oscillation is small."""
+    most = lane.settled
+    if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0 or lane.t_zero >= 0.0:
         return False
     ask(parts, answer.SETTLE, w, l)
     return lane.oscillation1 <= most
@@ -509,6 +483,13 @@ def start_run(problem, traits, parts, w, l, run, inputs):
 
 
 @njit(**INNER)
+def empty_lane(problem, traits, parts, w, l):
+    """Empty a lane."""
+    runs.clear(problem, traits, w, l)
+    ask(parts, answer.IDLE, w, l)
+
+
+@njit(**INNER)
 def end_run(problem, traits, parts, w, l, status, reversal, t, outputs, recording):
     """Store the results of a run that ends with the step just tried, at time ``t``."""
     lane = lane_of(problem, w, l)
@@ -516,7 +497,8 @@ def end_run(problem, traits, parts, w, l, status, reversal, t, outputs, recordin
     if traits.has_tangents:
         row = runs.window_row(lane)
         call(parts[GROWTH], (w, l, t, row, recording.lyapunov))
-    ask(parts, answer.MEASURE, w, l)
+    lane.t_ended = t
+    ask(parts, answer.END, w, l)
     status = runs.finish(problem, traits, w, l, status, reversal, t, outputs, recording)
     casimir = recording.casimir
     if recorded(recording.late) and status == OK and t >= lane.t_end:
@@ -527,19 +509,16 @@ def end_run(problem, traits, parts, w, l, status, reversal, t, outputs, recordin
     if recorded(casimir):
         is_sound = status in (OK, AT_LIMIT, RIM)
         call(parts[NOTE], (w, l, False, is_sound, True, casimir))
-    modes.store_results(traits, lane, t, outputs.results[run])
 
 
 @njit(**INNER)
-def under_way(problem, w, plan):
+def under_way(problem, w):
     """Return the part done of the expected cost of the runs in the lanes."""
     done = 0.0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        run = int(lane.run)
-        if run >= 0:
-            share = min(1.0, lane.t / plan[run]["horizon"])
-            done += share * plan[run]["cost"]
+        if lane.run >= 0.0:
+            done += min(1.0, lane.t / lane.horizon) * lane.cost
     return done
 
 
@@ -550,7 +529,7 @@ def next_run(problem, traits, parts, w, l, shared, order, inputs):
     if place < order.size:
         start_run(problem, traits, parts, w, l, order[place], inputs)
         return True
-    ask(parts, answer.IDLE, w, l)
+    empty_lane(problem, traits, parts, w, l)
     return False
 
 
@@ -563,13 +542,13 @@ def close_ranks(problem, traits, parts, w, used):
     free = 0
     for l in range(used - 1, -1, -1):
         lane = lane_of(problem, w, l)
-        if lane.run >= 0.0 and lane.mode != SLIDING:
+        if lane.run >= 0.0 and not steps_in_block(lane):
             while free < l and lane_of(problem, w, free).run >= 0.0:
                 free += 1
             if free < l:
                 for k in range(traits.n_fields):
                     w[k * problem.lanes + free] = w[k * problem.lanes + l]
-                ask(parts, answer.IDLE, w, l)
+                empty_lane(problem, traits, parts, w, l)
         if lane.run >= 0.0:
             return (l // GROUP + 1) * GROUP
     return 0
@@ -595,8 +574,7 @@ def work_off(
     thread's workspace, ``order`` the queue.
     """
     widest_vectors()
-    plan = inputs.plan
-    watching = traits.limited or is_recording(recording)
+    watching = traits.limited or is_recording(parts, recording)
     max_steps = options.most_steps
     busy = 0
     for l in range(problem.lanes):
@@ -610,8 +588,7 @@ def work_off(
             l = lowest_bit(due)
             due &= due - 1
             lane = lane_of(problem, w, l)
-            run = int(lane.run)
-            if run < 0:
+            if lane.run < 0.0:
                 lane.accept = 0.0
                 lane.h_next = 0.0
                 runs.hold_back(problem, traits, w, l)
@@ -625,7 +602,7 @@ def work_off(
                 ended = True
             if move == TAKE and not ended and t >= lane.next:
                 compare_at(problem, traits, parts, w, l, t, recording)
-                ended = settled(parts, w, l, lane, plan[run]["settled"])
+                ended = settled(parts, w, l, lane)
             if ended:
                 lane.steps += 1.0
                 end_run(
@@ -640,7 +617,7 @@ def work_off(
                     outputs,
                     recording,
                 )
-                progress[thread, COST_DONE] += plan[run]["cost"]
+                progress[thread, COST_DONE] += lane.cost
                 progress[thread, ENDED] += 1.0
                 if not next_run(problem, traits, parts, w, l, shared, order, inputs):
                     busy -= 1
@@ -656,7 +633,7 @@ def work_off(
         if turns % TURNS_PER_REPORT == 0:
             if fetch_add(shared, STOP, 0) != 0:
                 return
-            progress[thread, COST_UNDER_WAY] = under_way(problem, w, plan)
+            progress[thread, COST_UNDER_WAY] = under_way(problem, w)
     progress[thread, COST_UNDER_WAY] = 0.0
 
 

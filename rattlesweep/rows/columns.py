@@ -554,7 +554,7 @@ GROUPS = (
             Column(
                 "n_late_mean",
                 F64,
-                lambda runs: runs.integrated.late[:, 0],
+                lambda runs: runs.integrated.late[:, 0, 0],
                 RATE,
                 "mean spin over the last quarter of the run",
                 "null: the run ended before its horizon",
@@ -563,7 +563,7 @@ GROUPS = (
             Column(
                 "n_late_std",
                 F64,
-                lambda runs: runs.integrated.late[:, 1],
+                lambda runs: runs.integrated.late[:, 0, 1],
                 RATE,
                 "standard deviation of the spin over that time",
                 "null: the run ended before its horizon",

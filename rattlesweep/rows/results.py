@@ -19,7 +19,7 @@ from rattlesweep.config.schema import Config
 from rattlesweep.kernel import growths
 from rattlesweep.kernel.look.casimir import MEANS, RANGE
 from rattlesweep.kernel.outcome import Batch, Estimated, Outcome, has_settled
-from rattlesweep.kernel.runs import MOST_REVERSALS
+from rattlesweep.kernel.state.fields import MOST_REVERSALS
 from rattlesweep.kernel.state.status import Status
 from rattlesweep.motion.model import Model, find_model, reduced_model
 from rattlesweep.physics import full, steady
@@ -365,7 +365,7 @@ class Results:
     @cached_property
     def exponents(self) -> tuple[Floats, Floats]:
         """Lyapunov exponents of the whole run, and of its second half."""
-        return growths.exponents(self.integrated.growth)
+        return growths.exponents(self.integrated.lyapunov)
 
     @property
     def lyapunov(self) -> Floats:
@@ -414,7 +414,7 @@ class Results:
     @property
     def regime(self) -> Words:
         """Index of the regime of each run, and the words."""
-        third, last = growths.late_growths(self.integrated.growth)
+        third, last = growths.late_growths(self.integrated.lyapunov)
         # The last exponent is that of the energy.
         return regimes.regime_codes(third[:, :-1], last[:, :-1]), REGIMES
 

@@ -56,7 +56,7 @@ from rattlesweep.design.models import model_of
 from rattlesweep.kernel.batch import integrate, stride
 from rattlesweep.kernel.method.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.kernel.outcome import Batch, Estimated, Outcome, has_settled
-from rattlesweep.kernel.runs import MOST_REVERSALS
+from rattlesweep.kernel.state.fields import MOST_REVERSALS
 from rattlesweep.kernel.state.status import Status
 from rattlesweep.kernel.task import Control
 from rattlesweep.motion.model import Model

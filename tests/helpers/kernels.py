@@ -138,7 +138,7 @@ def mode_energies(body, n_i, omega_xy0):
 def attempt(method, model):
     """Return the generated step, which its first call compiles."""
     return njit(**stages.OPTIONS)(
-        stages.write_attempt(METHODS[method], find_model(model))
+        stages.write_attempt(METHODS[method], recipes.problem_of(find_model(model)))
     )
 
 

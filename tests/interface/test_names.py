@@ -18,7 +18,7 @@ SAME = {
         track
     """,
     "a tangent, and each tangent of a frame": "rate seed transverse",
-    "what a mode does there": "RESULTS advance hold_back observe settle store work",
+    "what a mode does there": "advance hold_back observe settle store work",
 }
 # Modules with one name: why, and which.
 SAME_MODULES = {

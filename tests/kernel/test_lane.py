@@ -4,16 +4,20 @@ One function uses every operation that `state.lane` writes as LLVM code; without
 compilation, its Python twins give the same numbers.
 """
 
+import ast
+
 import numpy as np
 import pytest
-from numba import njit
+from numba import njit, types
+from sweeping import CONFIGS
 
 from rattlesweep.compiling import intrinsics
+from rattlesweep.kernel.collected import layout_of
 from rattlesweep.kernel.recipes import problem_of
 from rattlesweep.kernel.state import lane as lanes
 from rattlesweep.kernel.state.fields import Point
 from rattlesweep.kernel.state.lane import Lane
-from rattlesweep.motion.model import FULL
+from rattlesweep.motion.model import FULL, find_model
 
 WIDTH = 2
 PROBLEM = problem_of(FULL, WIDTH)
@@ -35,8 +39,8 @@ def _every_operation(problem, w, shared, address):
     intrinsics.widest_vectors()
     lane = lanes.lane_of(problem, w, 1)
     lane.y = 1.0, 2.0, 3.0, 4.0, 5.0
-    lanes.clear(lane)
     lane.h = 0.25
+    lane.t = 0.0
     lane.f = intrinsics.moved(lane.y, lane.y, lane.h)
     lane.lo = Point(lane.h, 7.0, lane.t)
     lane.constants = intrinsics.first_of(w, problem.model.n_constants)
@@ -63,7 +67,6 @@ def test_every_operation_is_that_of_its_python_twin():
     y = np.arange(1.0, 6.0)
     assert lane.y == tuple(y)
     assert lane.f == tuple(1.25 * y)
-    assert lane.run == lane.t == 0
     assert point == lane.lo == (0.25, 7, 0)
     assert spin == FULL.spin(y)
     assert shared == [8]
@@ -77,14 +80,44 @@ def test_every_operation_is_that_of_its_python_twin():
     assert np.array_equal(w.reshape(-1, WIDTH)[:, 0], start.reshape(-1, WIDTH)[:, 0])
 
 
-def test_a_lane_has_the_fields_that_are_described():
-    shared = problem_of(None).layout
-    for name, (row, _) in shared.fields.items():
+@pytest.mark.parametrize(
+    "name", ["full", "full_sliding", "ellipsoid_creep_pivoting_sliding", "full_frame"]
+)
+def test_a_lane_has_each_field_once_in_the_order_of_its_nouns(name):
+    at = layout_of(find_model(name))
+    shared = layout_of(None)
+    for field, place in shared.fields.items():
         # A kernel without a model finds the same rows.
-        assert AT.fields[name][0] == row or row == shared.stages
-    rows = [row for row, _ in AT.fields.values()]
+        assert at.fields[field] == place
+    rows = [row for row, _ in at.fields.values()]
     assert rows == sorted(rows)
-    assert AT.y < AT.y1 < AT.constants < AT.stages
+    kinds = [kind for _, kind in at.fields.values()]
+    sizes = [1 if kind is types.float64 else len(kind) for kind in kinds]
+    # A name that two nouns declared would leave rows that nothing is in.
+    assert sum(sizes) == at.stages
+    assert at.y == at.first == shared.stages
+
+
+def test_only_models_that_slide_have_rows_for_slides():
+    sliding = layout_of(find_model("full_sliding")).fields.keys()
+    pivoting = layout_of(find_model("full_pivoting")).fields.keys()
+    plain = layout_of(FULL).fields.keys()
+    assert {"slip", "mu", "t_slide", "past"} <= sliding - plain
+    assert {"t_held", "pulled", "slack"} <= pivoting - sliding
+    assert not pivoting & {"slip", "mu", "t_slide", "past"}
+
+
+def test_only_modes_tell_modes_apart():
+    kernel = CONFIGS.parent / "rattlesweep" / "kernel"
+    own = {kernel / "state" / "ways.py", *(kernel / "mode").glob("*.py")}
+    tests = []
+    for path in sorted(set(kernel.rglob("*.py")) - own):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            is_read = isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load)
+            if is_read and node.attr == "mode" and ast.unparse(node.value) == "lane":
+                tests.append(f"{path.name}:{node.lineno}")
+    # Others ask by the functions of `state.ways`.
+    assert tests == []
 
 
 def test_numbers_of_a_workspace_are_copied():

@@ -74,7 +74,7 @@ def test_rate_is_the_derivative_of_the_right_hand_side():
 def test_exponent_of_linear_growth_is_the_growth_rate(n_i):
     rate = max(float(x) for x in steady.growth(full.constants(**GH), n_i))
     runs = kernels.full_batch(GH, n_i, 1e-12, t_end=25 / rate)
-    t, log = integrate(runs, DOP853, FULL, tol=1e-11, record=LYAPUNOV).growth[0].T
+    t, log = integrate(runs, DOP853, FULL, tol=1e-11, record=LYAPUNOV).lyapunov[0].T
     # After the other mode has become negligible, and before nonlinear terms matter.
     late = np.isfinite(t) & (t > 10 / rate)
     assert np.polyfit(t[late], log[late], 1)[0] == pytest.approx(rate, rel=0.02)
@@ -83,7 +83,7 @@ def test_exponent_of_linear_growth_is_the_growth_rate(n_i):
 @pytest.mark.slow
 def test_a_very_long_tangent_stays_a_number():
     runs = kernels.full_batch(GH, -0.5, 0.3, t_end=20_000.0)
-    growth = integrate(runs, DOP853, FULL, record=LYAPUNOV | {"reversals"}).growth
+    growth = integrate(runs, DOP853, FULL, record=LYAPUNOV | {"reversals"}).lyapunov
     # The growth is e^1400; the range of doubles ends at e^709.
     assert np.nanmax(growth[0, :, 1]) > 1400
 
@@ -105,9 +105,9 @@ def test_tolerance_and_threads():
     fine, rough = (
         integrate(runs, DOP853, FULL, tol=t, record=LYAPUNOV) for t in (1e-11, 1e-8)
     )
-    whole, late = exponents(fine.growth)
+    whole, late = exponents(fine.lyapunov)
     assert np.isfinite(late).all()
-    assert exponents(rough.growth)[0] == pytest.approx(whole, abs=2e-5)
+    assert exponents(rough.lyapunov)[0] == pytest.approx(whole, abs=2e-5)
     one, two = (
         integrate(runs, DOP853, FULL, tol=1e-11, record=LYAPUNOV, threads=k)
         for k in (1, 2)

@@ -17,8 +17,8 @@ from rattlesweep.kernel.follow import Follower
 from rattlesweep.kernel.method.collocation import radau
 from rattlesweep.kernel.method.tableau import METHODS
 from rattlesweep.kernel.state.fields import LANES
-from rattlesweep.kernel.state.fields import SLIDING as SLIDING_MODE
 from rattlesweep.kernel.state.status import Status
+from rattlesweep.kernel.state.ways import SLIDING as SLIDING_MODE
 from rattlesweep.kernel.step import slots
 from rattlesweep.motion.anywhere import from_slopes
 from rattlesweep.motion.model import FULL, FULL_ELLIPSOID, find_model

@@ -103,7 +103,7 @@ def outcome(runs):
 
 @pytest.mark.slow
 def test_exponents_add_up_to_the_rate_of_volume(runs, outcome):
-    whole, _ = exponents(outcome.growth)
+    whole, _ = exponents(outcome.lyapunov)
     change = (tilt(outcome.y_end) - tilt(runs.y0)) / 1000.0
     assert whole.sum(axis=1) == pytest.approx(outcome.volume_rate + change, abs=1e-9)
     assert np.abs(outcome.volume_rate).max() > 0.1
@@ -121,8 +121,8 @@ def test_runs_go_on_and_tell_their_first_reversal(runs, outcome):
         runs, DOP853, FULL, record=frozenset(["lyapunov", "reversals"]), **settings
     )
     assert outcome.y_end.tobytes() == one.y_end.tobytes()
-    first, _ = exponents(one.growth)
-    whole, _ = exponents(outcome.growth)
+    first, _ = exponents(one.lyapunov)
+    whole, _ = exponents(outcome.lyapunov)
     assert whole[:, :1] == pytest.approx(first, abs=1e-9)
 
 
@@ -136,7 +136,7 @@ def test_short_steps_keep_tangents_from_being_damped():
     short = integrate(runs, DOP853, FULL, record=SPECTRUM)
     error = []
     for outcome in (long, short):
-        whole, _ = exponents(outcome.growth)
+        whole, _ = exponents(outcome.lyapunov)
         change = (tilt(outcome.y_end) - tilt(runs.y0)) / 1000.0
         error.append(np.abs(whole.sum(axis=1) - outcome.volume_rate - change).max())
     assert error[0] > 1e-6
@@ -158,7 +158,7 @@ def test_a_looser_tolerance_allows_longer_steps(runs):
 def test_exponents_of_a_steady_spin_are_real_parts_of_eigenvalues(n_i):
     runs = kernels.full_batch(GH, n_i, 1e-100, t_end=600.0)
     outcome = integrate(runs, DOP853, FULL, tol=1e-11, record={"spectrum"})
-    _, late = exponents(outcome.growth)
+    _, late = exponents(outcome.lyapunov)
     pitch, roll = (float(x) for x in steady.growth(full.constants(**GH), n_i))
     expected = sorted([pitch, pitch, roll, roll, 0.0])
     assert sorted(late[0]) == pytest.approx(expected, abs=2e-3)
@@ -168,9 +168,9 @@ def test_exponents_of_a_steady_spin_are_real_parts_of_eigenvalues(n_i):
 def test_rows_end_where_the_flow_has_decayed():
     runs = kernels.full_batch(STABLE, -0.75, 1e-3, t_end=40_000.0)
     outcome = integrate(runs, DOP853, FULL, record=SPECTRUM)
-    last = np.nanmax(outcome.growth[0, :, 0])
+    last = np.nanmax(outcome.lyapunov[0, :, 0])
     assert 20_000 < last < 30_000
-    whole, _ = exponents(outcome.growth)
+    whole, _ = exponents(outcome.lyapunov)
     pitch, roll = (float(x) for x in steady.growth(full.constants(**STABLE), -0.75))
     expected = sorted([pitch, pitch, roll, roll, 0.0])
     assert sorted(whole[0]) == pytest.approx(expected, abs=1e-3)
@@ -179,7 +179,7 @@ def test_rows_end_where_the_flow_has_decayed():
 def test_a_body_at_rest_in_its_steady_spin_has_no_exponents():
     runs = kernels.full_batch(GH, -0.5, 0.0, t_end=100.0)
     outcome = integrate(runs, DOP853, FULL, record={"spectrum"})
-    assert np.isnan(exponents(outcome.growth)[0]).all()
+    assert np.isnan(exponents(outcome.lyapunov)[0]).all()
 
 
 @pytest.mark.slow

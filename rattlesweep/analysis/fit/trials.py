@@ -18,7 +18,7 @@ from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.kernel.batch import integrate
 from rattlesweep.kernel.follow import Follower
 from rattlesweep.kernel.method.tableau import METHODS, TOL
-from rattlesweep.kernel.runs import MOST_REVERSALS
+from rattlesweep.kernel.state.fields import MOST_REVERSALS
 from rattlesweep.kernel.state.status import Status
 from rattlesweep.rows.launches import Launches
 from rattlesweep.words.errors import ConfigError

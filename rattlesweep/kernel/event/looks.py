@@ -16,10 +16,11 @@ from rattlesweep.kernel.answer import contact_points
 from rattlesweep.kernel.event.peaks import mark_points
 from rattlesweep.kernel.event.zeros import may_be_far
 from rattlesweep.kernel.look import inside
-from rattlesweep.kernel.look.extremes import least_turn, turn_points
+from rattlesweep.kernel.look.extremes import CONTACT, REVERSALS, least_turn, turn_points
 from rattlesweep.kernel.look.marks import MARKS, value_of
-from rattlesweep.kernel.state.fields import NEVER, PEAK, SLIDING, Peak, Point
+from rattlesweep.kernel.state.fields import NEVER, PEAK, Flag, Peak, Point
 from rattlesweep.kernel.state.lane import lane_of
+from rattlesweep.kernel.state.ways import steps_in_block
 from rattlesweep.physics.full import FASTMATH, scalar
 
 # When lanes are looked at: before lanes that slide replace what was tried on them, and
@@ -27,17 +28,24 @@ from rattlesweep.physics.full import FASTMATH, scalar
 ROLLED, STEPPED = 0, 1
 
 
-def look_within(problem, w, stage, contact_recorded, reversals_recorded, marks):
+class LookFields:
+    """What a look tells of the step tried."""
+
+    inside: Flag  # whether it is long, and may hold a peak
+
+
+def look_within(problem, w, stage, wanted, marks):
     """Look into the steps tried on all lanes, at a stage of the turn.
 
-    ``marks`` are the times of marks; without runs, none are looked for.
+    ``wanted`` has the bits of extremes that are recorded, and ``marks`` the times of
+    marks; without runs, none are looked for.
     """
     if stage == ROLLED:
         observe_contact(problem, w)
         return
-    if contact_recorded:
+    if wanted & CONTACT != 0:
         follow_contact(problem, w)
-    if reversals_recorded:
+    if wanted & REVERSALS != 0:
         observe_spin(problem, w)
         follow_spin(problem, w)
     if marks.shape[0] > 0:
@@ -91,7 +99,7 @@ def follow_contact(problem, w):
     """Find the peaks of the contact in long steps."""
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        if not is_followed(lane) or lane.mode == SLIDING:
+        if not is_followed(lane) or steps_in_block(lane):
             continue
         beyond = inside.rates_beyond(lane)
         largest = max(lane.ratio_max, lane.ratio1.value)

@@ -21,7 +21,7 @@ from rattlesweep.kernel.look.extremes import (
     tried_of,
 )
 from rattlesweep.kernel.look.marks import value_of
-from rattlesweep.kernel.state.fields import PEAK, RETAKE, STEP, Point
+from rattlesweep.kernel.state.fields import PEAK, RETAKE, STEP, Number, Point
 from rattlesweep.kernel.state.lane import Lane
 from rattlesweep.physics.full import scalar
 
@@ -30,6 +30,13 @@ from rattlesweep.physics.full import scalar
 NO_RISE = 1e-9
 SMALL_RISE = 1e-5
 MAX_PEAK_TRIES = 8.0
+
+
+class PeakFields:
+    """The search for extremes and marks in a step that is to be taken."""
+
+    bend: Number  # curvature at the peak that is searched
+    move: Number  # what happens after the search
 
 
 # Extremes.

@@ -39,14 +39,15 @@ from rattlesweep.kernel.look.marks import MARKS
 from rattlesweep.kernel.state.fields import (
     MINIMUM,
     NEVER,
-    PIVOTING,
     REDO,
     ROOT,
     SCAN,
     STEP,
+    Number,
     Point,
 )
 from rattlesweep.kernel.state.lane import Lane
+from rattlesweep.kernel.state.ways import counts_zeros
 from rattlesweep.physics.full import scalar
 
 # The functions, in the order in which they are searched.
@@ -72,6 +73,22 @@ _CLEAR, _DIP, _ZERO = 0, 1, 2
 # which makes a cached kernel crash when it is loaded, even if two functions share it
 # (Numba 0.68).
 _KNOWN = 3
+
+
+class SearchFields:
+    """The search within a held step, besides its state."""
+
+    searched: Number  # which function: SPIN, LIMIT, ...
+    pieces: Number
+    piece: Number  # index of the present one
+    tries: Number
+    near: Number  # extrema of the spin whose sign the method could not decide
+    full: Point  # end of the step as first tried
+    full_next: Number  # size of the step after it
+    lo: Point  # bracket within the piece
+    end: Point  # end of the piece
+    hi: Point
+    beyond: Point  # the point after the bracketed zero
 
 
 # Zeros.
@@ -123,13 +140,6 @@ def may_be_far(lane):  # type: ignore[no-untyped-def]
     awaited = lane.awaited
     path = abs(lane.n0) + n1 + 2.0 * lane.h * recent
     return (n1 > awaited) | (path > 2.0 * awaited)
-
-
-@scalar
-def counts_zeros(lane):  # type: ignore[no-untyped-def]
-    """Return whether zeros of the spin are events within a smooth motion."""
-    # Otherwise they are ends of modes.
-    return (lane.arm == 0.0) & (lane.mode < PIVOTING)
 
 
 @njit(**INNER)

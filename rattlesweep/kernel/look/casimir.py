@@ -8,16 +8,43 @@ averages already.
 """
 
 # mypy: ignore-errors
+from dataclasses import dataclass
 from math import log, nan
+from typing import Annotated
 
 from numba import njit
 
+from rattlesweep.arrays import Floats
 from rattlesweep.compiling.intrinsics import INNER
+from rattlesweep.kernel.state.fields import MOST_REVERSALS, Number
 from rattlesweep.physics.full import FASTMATH
 
 # Rows of the table of a run: the least and the largest value, then the mean before the
 # first reversal, between the first and the second, and so on.
 RANGE, MEANS = 0, 1
+
+
+@dataclass(frozen=True)
+class CasimirRecord:
+    """The invariant of runs: least and largest value, then means between reversals."""
+
+    casimir: Annotated[Floats, (MEANS + 1 + MOST_REVERSALS, 2)]
+
+
+class CasimirFields:
+    """The invariant so far."""
+
+    casimir_low: Number  # its range
+    casimir_high: Number
+    casimir_seen: Number  # number of its values
+    casimir_time: Number  # time and integrals of both energies in the present period
+    casimir_pitch: Number
+    casimir_roll: Number
+    casimir_sum: Number  # sum and number of the values since the last reversal
+    casimir_count: Number
+    casimir_next: Number  # the same since a zero that may be a reversal
+    casimir_nexts: Number
+    casimir_turns: Number  # reversals until now whose means are stored
 
 
 @njit(**INNER)

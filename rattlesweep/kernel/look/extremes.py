@@ -1,18 +1,64 @@
 """Extremes: functions of the state whose largest value is kept, between steps too.
 
-An extreme is a record; a further one is an entry of :data:`EXTREMES`, and an observer
-in `kernel.runs` that says which steps may hold it.  Its place within an accepted
-step is found with shorter steps of the method (`event.zeros`), and changes nothing
-else of the run.
+An extreme is a record; a further one is an entry of :data:`EXTREMES`, with its fields
+and its table, and an observer in `event.looks` that says which steps may hold it.  Its
+place within an accepted step is found with shorter steps of the method
+(`event.zeros`), and changes nothing else of the run.
 """
 
 # mypy: disable-error-code="no-untyped-def"
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
 
-from rattlesweep.compiling.intrinsics import choice
-from rattlesweep.kernel.state.fields import NEVER, Peak, Point
+from numba import njit
+
+from rattlesweep.arrays import Floats
+from rattlesweep.compiling.intrinsics import INNER, choice
+from rattlesweep.kernel.state.fields import NEVER, Number, Peak, Point
+from rattlesweep.kernel.state.lane import recorded
 from rattlesweep.physics.full import TINY, scalar
+
+# Words of `record` for which extremes are searched, and their bits in what is wanted.
+OF_EXTREMES = "contact", "reversals"
+CONTACT, REVERSALS = 1, 2
+
+
+class ExtremeFields:
+    """The functions that are searched for extremes, and their extremes so far."""
+
+    # The contact forces.
+    ratio0: Point  # ratio of the forces at the start of the step
+    ratio1: Point  # the same at its end
+    lift0: Point  # normal force with a minus sign
+    lift1: Point
+    ratio_peak: Peak  # of the step tried, as interpolated (`look.inside`)
+    lift_peak: Peak
+    ratio_max: Number
+    normal_min: Number
+
+    # The spin since the last reversal.
+    turn_peak: Peak  # of the step tried, as interpolated
+    n_after: Number  # largest modulus of the spin since the last reversal
+    n_peak: Number  # largest modulus found within the step
+
+
+@dataclass(frozen=True)
+class ExtremeRecord:
+    """Extremes, over runs."""
+
+    # Largest ratio of the contact forces, least normal force.
+    contact: Annotated[Floats, (1, 2)]
+
+    @property
+    def contact_ratio_max(self) -> Floats:
+        """Return the largest ratio of the forces."""
+        return self.contact[:, 0, 0]
+
+    @property
+    def contact_normal_min(self) -> Floats:
+        """Return the least normal force."""
+        return self.contact[:, 0, 1]
 
 
 class Extreme(NamedTuple):
@@ -27,6 +73,52 @@ class Extreme(NamedTuple):
     scale: Callable[..., Any]
     # keep(lane, value): keep a largest value within the step
     keep: Callable[..., None]
+
+
+# Extremes at the ends of steps.
+
+
+@njit(**INNER)
+def note_contact(lane):
+    """Let the end of the step just tried count in the extremes of the contact."""
+    lane.ratio_max = max(lane.ratio_max, lane.ratio1.value)
+    lane.normal_min = min(lane.normal_min, -lane.lift1.value)
+
+
+@njit(**INNER)
+def start_points(lane):
+    """Let the functions at the end of the step be those at the next start."""
+    ratio = lane.ratio1
+    lift = lane.lift1
+    lane.ratio0 = Point(0.0, ratio.value, ratio.rate)
+    lane.lift0 = Point(0.0, lift.value, lift.rate)
+
+
+@njit(**INNER)
+def wanted(recording):
+    """Return which extremes are recorded, as bits."""
+    bits = CONTACT if recorded(recording.contact) else 0
+    return bits + (REVERSALS if recorded(recording.reversals) else 0)
+
+
+@njit(**INNER)
+def note_end(lane, recording):
+    """Let the end of the step just taken count, and be the start of the next."""
+    if recorded(recording.contact):
+        note_contact(lane)
+        start_points(lane)
+
+
+@njit(**INNER)
+def store(lane, run, recording):
+    """Store the extremes of a run that has ended."""
+    if recorded(recording.contact):
+        note_contact(lane)
+        recording.contact[run, 0, 0] = lane.ratio_max
+        recording.contact[run, 0, 1] = lane.normal_min
+
+
+# Extremes within steps.
 
 
 @scalar
@@ -128,7 +220,7 @@ EXTREMES = (
 )
 """The extremes, in the order in which they are searched."""
 
-tried_of = choice({k: each.tried for k, each in enumerate(EXTREMES)}, inline=True)
-peak_of = choice({k: each.peak for k, each in enumerate(EXTREMES)}, inline=True)
-scale_of = choice({k: each.scale for k, each in enumerate(EXTREMES)}, inline=True)
-keep_of = choice({k: each.keep for k, each in enumerate(EXTREMES)}, inline=True)
+tried_of, peak_of, scale_of, keep_of = (
+    choice(dict(enumerate(functions)), inline=True)
+    for functions in zip(*EXTREMES, strict=True)
+)

@@ -9,6 +9,7 @@ is found is a place at which a shorter step of the method is then tried
 """
 
 # mypy: ignore-errors
+from collections.abc import Callable
 from math import ceil
 
 from numba import njit
@@ -280,6 +281,19 @@ def at_zero(limit):
     At the end of a rest, both the spin and its rate are rounding errors.
     """
     return Point(limit.h, limit.value, max(limit.rate, 0.0))
+
+
+def along_flow(value: Callable[..., float]) -> Callable[..., Point]:
+    """Return the limit that a function of a lane and a state is, with its rate."""
+
+    @scalar
+    def limit(lane, h, y, f):
+        ahead = DIFFERENCE / lane.swing
+        now = value(lane, y)
+        later = value(lane, moved(y, f, ahead))
+        return Point(h, now, (later - now) / ahead)
+
+    return limit
 
 
 @scalar

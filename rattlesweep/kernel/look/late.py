@@ -5,13 +5,17 @@ step that lies in that quarter.
 """
 
 # mypy: ignore-errors
+from dataclasses import dataclass
 from math import sqrt
+from typing import Annotated
 
 from numba import njit
 
+from rattlesweep.arrays import Floats
 from rattlesweep.compiling.intrinsics import INNER, KEPT_APART, apart
 from rattlesweep.kernel.look.inside import rates_beyond, state_at
-from rattlesweep.kernel.state.fields import SLIDING
+from rattlesweep.kernel.state.fields import Number
+from rattlesweep.kernel.state.ways import steps_in_block
 from rattlesweep.physics.full import FASTMATH
 
 BEGIN = 0.75  # of the horizon
@@ -30,6 +34,21 @@ WEIGHTS = (
     0.23931433524968324,
     0.11846344252809454,
 )
+
+
+@dataclass(frozen=True)
+class LateRecord:
+    """The spin in the last quarter of runs: its mean and its standard deviation."""
+
+    late: Annotated[Floats, (1, 2)]
+
+
+class LateFields:
+    """The spin in the last quarter of the run."""
+
+    late_spin: Number  # at its begin, or at the end of the first step in it
+    late_sum: Number  # integral of the spin less that
+    late_square: Number  # integral of its square
 
 
 @njit(**INNER)
@@ -59,7 +78,7 @@ def note(lane):
     beyond = rates_beyond(lane)
     for place, weight in zip(PLACES, WEIGHTS):  # noqa: B905
         share = first + part * place
-        if lane.mode == SLIDING:
+        if steps_in_block(lane):
             spin = cubic(lane, share)
         else:
             spin = lane.problem.model.spin(state_at(lane, beyond, share))

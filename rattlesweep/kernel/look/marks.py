@@ -7,10 +7,25 @@ steps of the method (`event.zeros`), and changes nothing else of the run.
 
 # mypy: disable-error-code="no-untyped-def"
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
 
-from rattlesweep.compiling.intrinsics import choice
+from numba import njit
+
+from rattlesweep.arrays import Floats
+from rattlesweep.compiling.intrinsics import INNER, choice
+from rattlesweep.kernel.state.fields import Flag, Number, Peak
 from rattlesweep.physics.full import scalar
+
+
+class MarkFields:
+    """The search for marks in a step."""
+
+    marks_due: Number  # bits of those that the step may hold
+    mark_peak: Peak  # where one may fall to zero within it, with a minus sign
+    looks: Flag  # whether the point tried is to tell if a mark lies before it
+    mark_found: Number  # 1 + the index of one that was found in it, or 0
+    t_mark: Number  # its time
 
 
 class Mark(NamedTuple):
@@ -33,3 +48,23 @@ MARKS = (Mark("t_half", above_half),)
 
 
 value_of = choice({k: mark.value for k, mark in enumerate(MARKS)}, inline=True)
+
+
+@dataclass(frozen=True)
+class MarkRecord:
+    """Times of marks, over runs."""
+
+    marks: Annotated[Floats, (1, len(MARKS))]
+
+    def mark(self, name: str) -> Floats:
+        """Return the times of a mark, NaN where there is none."""
+        place = [mark.name for mark in MARKS].index(name)
+        return self.marks[:, 0, place]
+
+
+@njit(**INNER)
+def note_mark(lane, marks):
+    """Store the mark that was found in the step, if there is one."""
+    if lane.mark_found > 0.0:
+        marks[int(lane.run), 0, int(lane.mark_found) - 1] = lane.t_mark
+        lane.mark_found = 0.0

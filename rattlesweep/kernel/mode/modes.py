@@ -27,7 +27,6 @@ combines those of a model.
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
 from numba import njit
 
 from rattlesweep.compiling.intrinsics import (
@@ -35,41 +34,22 @@ from rattlesweep.compiling.intrinsics import (
     KEPT_APART,
     apart,
     choice,
-    moved,
     widest_vectors,
 )
-from rattlesweep.kernel import runs
 from rattlesweep.kernel.event.zeros import LIMIT
 from rattlesweep.kernel.look import inside
 from rattlesweep.kernel.mode import pivots, slides
 from rattlesweep.kernel.state.fields import (
-    DIFFERENCE,
     GROUP,
-    PIVOTING,
-    ROLLING,
-    SLIDING,
     STEP,
     Point,
 )
-from rattlesweep.kernel.state.lane import Mode, ModeSet, lane_of
+from rattlesweep.kernel.state.lane import Mode, ModeSet, lane_of, never, nothing
 from rattlesweep.kernel.state.statuses import AT_LIMIT, LIFTS_OFF, RIM
+from rattlesweep.kernel.state.ways import PIVOTING, ROLLING, SLIDING
 from rattlesweep.kernel.step import slots
-from rattlesweep.kernel.tangents import nothing
 from rattlesweep.motion.model import Model
 from rattlesweep.physics.full import FASTMATH, scalar
-
-# The results of a run in any model.
-RESULT = np.dtype([*runs.RESULTS, *slides.RESULTS, *pivots.RESULTS], align=True)
-
-
-@njit(**INNER)
-def store_results(traits, lane, t, result):
-    """Store the results of modes in a run that ends at the time ``t``."""
-    if traits.slides:
-        slides.store(lane, t, result)
-    if traits.pivots:
-        pivots.store(lane, t, result)
-
 
 # A body that rolls whatever the force.
 
@@ -81,31 +61,21 @@ def no_limit(lane, h, y, f):
 
 
 @scalar
-def limit_of_model(lane, h, y, f):
+def left_of_model(lane, y):
     """Return the limit of the model."""
-    ahead = DIFFERENCE / lane.swing
-    limit = lane.problem.model.limit
-    now = limit(y, lane.constants)
-    later = limit(moved(y, f, ahead), lane.constants)
-    return Point(h, now, (later - now) / ahead)
+    return lane.problem.model.limit(y, lane.constants)
 
 
 @scalar
 def margin_of_model(lane, y, f):
     """Return the limit of the model."""
-    return lane.problem.model.limit(y, lane.constants)
+    return left_of_model(lane, y)
 
 
 @scalar
 def no_margin(lane, y, f):
     """Return the margin of a body that rolls whatever the force."""
     return 1.0
-
-
-@scalar
-def never_calm(lane):
-    """Return that it is not known how far a margin falls in a long step."""
-    return False
 
 
 @scalar
@@ -121,32 +91,16 @@ def below_rim(lane, y):
 
 
 @scalar
-def limit_at_rim(lane, h, y, f):
-    """Return the height that is left below the rim."""
-    ahead = DIFFERENCE / lane.swing
-    now = below_rim(lane, y)
-    later = below_rim(lane, moved(y, f, ahead))
-    return Point(h, now, (later - now) / ahead)
-
-
-@scalar
 def margin_at_rim(lane, y, f):
     """Return the height that is left below the rim."""
     return below_rim(lane, y)
 
 
 @scalar
-def limit_of_force(lane, h, y, f):
+def force_left(lane, y):
     """Return the normal force, combined with the height that is left below a rim."""
-    ahead = DIFFERENCE / lane.swing
-    contact = lane.problem.model.contact
-    left = lane.problem.modes.left
-    normal, _ = contact(y, lane.constants)
-    now = inside.both(normal, left(lane, y))
-    y_later = moved(y, f, ahead)
-    normal, _ = contact(y_later, lane.constants)
-    later = inside.both(normal, left(lane, y_later))
-    return Point(h, now, (later - now) / ahead)
+    normal, _ = lane.problem.model.contact(y, lane.constants)
+    return inside.both(normal, lane.problem.modes.left(lane, y))
 
 
 @scalar
@@ -193,12 +147,6 @@ def energy(lane):
 def work(lane):
     """Return the work of friction until the end of the step, which is negative."""
     return lane.problem.model.work(lane.y1)
-
-
-@scalar
-def no_pivot_work(lane):
-    """Return the work of a torque that does not act."""
-    return 0.0
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -293,7 +241,7 @@ def observe_force(
 
     The margin of the others counts as 1, whatever is computed for it.
     """
-    observe_all = observe_margin(margin, never_calm)
+    observe_all = observe_margin(margin, never)
 
     @njit(fastmath=FASTMATH, **INNER)
     def observe_limit(problem, w, used):
@@ -345,8 +293,7 @@ def look_at_limit(lane):
     if rolls:
         lane.limit0 = limit(lane, 0.0, lane.y, lane.f)
         lane.limit1 = limit(lane, lane.h, lane.y1, lane.f1)
-    if lane.problem.pivots and lane.mode == PIVOTING and lane.left_zero == lane.steps:
-        lane.limit0 = inside.at_zero(lane.limit0)
+    lane.limit0 = lane.problem.modes.at_start(lane, lane.limit0)
     if lane.leaves > 0.0:
         half = limit(lane, lane.h, inside.middle(lane), inside.middle_rate(lane))
         angle = lane.h * lane.swing
@@ -371,12 +318,16 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
     """Return the modes of a model's bodies."""
     rolling = Mode(ROLLING, no_limit, go_on)
     if model.limit is not None:
-        rolling = Mode(ROLLING, limit_of_model, go_on, margin_of_model)
+        rolling = Mode(
+            ROLLING, inside.along_flow(left_of_model), go_on, margin_of_model
+        )
     if rimmed:
-        rolling = Mode(ROLLING, limit_at_rim, end_at_rim, margin_at_rim)
+        rolling = Mode(ROLLING, inside.along_flow(below_rim), end_at_rim, margin_at_rim)
     further = ()
     if model.lifts:
-        rolling = Mode(ROLLING, limit_of_force, end_off_plane, margin_of_force)
+        rolling = Mode(
+            ROLLING, inside.along_flow(force_left), end_off_plane, margin_of_force
+        )
     if model.slide is not None:
         rolling = slides.ROLLING_MODE
         further = (slides.SLIDING_MODE,)
@@ -391,7 +342,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
     if model.lifts and model.slide is None and not rimmed:
         observed.insert(0, observe_force(margin, stays_on_plane(model)))
     elif margin is not None:
-        is_calm = never_calm
+        is_calm = never
         # Of a plane that shakes the oscillation does not bound the force.
         if rolling.is_calm and not rimmed and not model.lifts:
             is_calm = rolling.is_calm
@@ -407,27 +358,20 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
         plan=roll_on,
         decide=keep,
         change=of_mode(modes, "change"),
-        prepare=nothing,
-        launch=nothing,
         settle=settle,
-        free=nothing,
-        slow=nothing,
-        advance=nothing,
         left=below_rim if rimmed else no_rim,
         energy=energy,
         work=work,
-        pivot_work=no_pivot_work,
         observe=observe,
-        results=tuple(name for mode in modes for name, _ in mode.results),
     )
     if model.slide is not None:
         combined = replace(
             combined,
             plan=slots.plan_sliding,
             decide=slots.decide_sliding,
-            prepare=slides.prepare,
             launch=slides.launch,
             advance=slides.advance,
+            store=slides.store,
             energy=slides.energy,
             work=slides.work,
             observe=slides.observe_body,
@@ -435,13 +379,14 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
     if model.pivot is not None:
         combined = replace(
             combined,
-            prepare=pivots.preparing(combined.prepare),
+            prepare=pivots.prepare,
+            at_start=pivots.after_zero,
             settle=pivots.settle,
-            pivot_work=pivots.work,
             free=pivots.free,
             slow=pivots.slow,
             launch=pivots.launching(combined.launch),
             advance=in_turn([combined.advance, pivots.advance]),
+            store=in_turn([combined.store, pivots.store]),
             observe=pivots.observing(combined.observe),
         )
     return combined

@@ -13,12 +13,13 @@ from which it does.
 
 # mypy: ignore-errors
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import ceil, copysign, exp, nan, pi
 from typing import Any
 
 from numba import njit
 
+from rattlesweep.arrays import Floats
 from rattlesweep.compiling.intrinsics import (
     INNER,
     KEPT_APART,
@@ -35,6 +36,7 @@ from rattlesweep.kernel.look.inside import (
     INTERPOLATED,
     MOST_PIECES,
     SPACING,
+    along_flow,
     at_zero,
     both_of,
     falls,
@@ -46,15 +48,14 @@ from rattlesweep.kernel.look.inside import (
 from rattlesweep.kernel.state.fields import (
     DIFFERENCE,
     GROUP,
-    HELD,
     NEVER,
-    PIVOTING,
-    SLIDING,
+    Number,
     Point,
     Slip,
 )
 from rattlesweep.kernel.state.lane import Mode, lane_of
 from rattlesweep.kernel.state.statuses import AT_LIMIT, OK
+from rattlesweep.kernel.state.ways import HELD, PIVOTING, SLIDING
 from rattlesweep.kernel.step.sliding_motion import patch_rates
 from rattlesweep.kernel.step.sliding_step import (
     BEGINNING,
@@ -65,12 +66,35 @@ from rattlesweep.physics.friction.pivoting import LEAST_CREEP, least_creep
 from rattlesweep.physics.friction.sliding import outgoing
 from rattlesweep.physics.full import FASTMATH, TINY, scalar
 
-RESULTS = (
-    ("t_held", float),
-    ("held_time", float),
-    ("pivot_work", float),
-    ("pulled", float),
-)
+
+class RestFields:
+    """What a lane with pivoting friction knows of rests of its spin."""
+
+    slack: Number  # by how much the spin may be on the wrong side of zero
+    t_hold: Number  # begin of the last rest
+    rate_held: Number  # `rate_max` at the begin of it
+    left_zero: Number  # `steps` when the spin last left zero, -1 for never
+    # What the torque that holds the spin lacks of its limits, one on either side: at
+    # the start of the step, and at its end.  These are smooth.
+    below0: Number
+    above0: Number
+    below1: Number
+    above1: Number
+
+
+@dataclass(frozen=True)
+class RestResults:
+    """Results of a model with pivoting friction; without rows in others."""
+
+    t_held: Floats  # begin of the first rest of the spin
+    held_time: Floats  # time for which the spin is held
+    pivot_work: Floats  # energy lost by pivoting, relative to energy_0
+    # 1 where a step ended at a state in which the plane would have to pull the body.
+    pulled: Floats
+
+
+# The results of a run whose model has no pivoting friction.
+WITHOUT_TORQUE = {"t_held": nan, "held_time": 0.0, "pivot_work": 0.0, "pulled": 0.0}
 # By what share of the lever the limit of a rest is passed before it counts, so that
 # rounding errors do not end it at once.
 PASSED = 1e-13
@@ -143,13 +167,8 @@ def margin(lane, y):
     return below if below < above else above
 
 
-@scalar
-def held_point(lane, h, y, f):
-    """Return the limit of a spin that is held, positive while it is."""
-    ahead = DIFFERENCE / lane.swing
-    now = margin(lane, y)
-    later = margin(lane, moved(y, f, ahead))
-    return Point(h, now, (later - now) / ahead)
+held_point = along_flow(margin)
+"""The limit of a spin that is held, positive while it is."""
 
 
 @scalar
@@ -160,6 +179,13 @@ def turn_point(lane, h, y, f):
     value = sense * model.spin(y) + lane.slack
     rate = sense * model.spin_rate(y, f)
     return Point(h, 1.0 if sense == 0.0 else value, rate)
+
+
+@scalar
+def after_zero(lane, limit):
+    """Return the limit at the start of a step, at which the spin may have left zero."""
+    leaves = lane.mode == PIVOTING and lane.left_zero == lane.steps
+    return at_zero(limit) if leaves else limit
 
 
 @njit(**KEPT_APART)
@@ -457,37 +483,22 @@ def advance(problem, w):
 
 
 @njit(**INNER)
-def work(lane):
-    """Return the work of the torque until the end of the step, which is negative."""
-    return lane.problem.model.pivot_work(lane.y1)
+def store(lane):
+    """Set the results of rests, and of the torque."""
+    if lane.mode == HELD:
+        lane.held_time += lane.t_ended - lane.t_hold
+    if lane.t_held < 0.0:
+        lane.t_held = nan
+    # Zero and not -0 for a run without a torque.
+    lane.pivot_work = 0.0 - lane.problem.model.pivot_work(lane.y1) / lane.energy0
 
 
 @njit(**INNER)
-def store(lane, t, result):
-    """Store the results of rests, and of the torque."""
-    if lane.mode == HELD:
-        lane.held_time += t - lane.t_hold
-        # Without the rounding errors of the state, so that rows tell it is held.
-        result["n_end"] = 0.0
-    result["t_held"] = lane.t_held if lane.t_held >= 0.0 else nan
-    result["held_time"] = lane.held_time
-    result["pulled"] = lane.pulled
-    # Zero and not -0 for a run without a torque.
-    result["pivot_work"] = 0.0 - lane.pivot_work1 / lane.energy0
-
-
-def preparing(base_prepare: Callable[..., None]) -> Callable[..., None]:
-    """Return `ModeSet.prepare` of a model with the torque, from that without it."""
-
-    @njit(**INNER)
-    def prepare(lane):
-        base_prepare(lane)
-        lane.t_held = -1.0
-        lane.left_zero = -1.0
-        lane.pulled = 0.0
-        settle(lane, lane.y, lane.problem.model.spin(lane.y), 0.0)
-
-    return prepare
+def prepare(lane):
+    """Set the sense of the spin at launch."""
+    lane.t_held = -1.0
+    lane.left_zero = -1.0
+    settle(lane, lane.y, lane.problem.model.spin(lane.y), 0.0)
 
 
 def launching(base_launch: Callable[..., None]) -> Callable[..., None]:
@@ -615,6 +626,5 @@ def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
             change,
             observe_limit=observe_held,
             gives_way=may_give_way,
-            results=RESULTS,
         ),
     )

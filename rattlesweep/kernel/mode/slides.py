@@ -18,25 +18,23 @@ zero.
 """
 
 # mypy: ignore-errors
+from dataclasses import dataclass
 from math import floor
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.compiling.intrinsics import (
     INNER,
-    moved,
 )
-from rattlesweep.kernel import runs
 from rattlesweep.kernel.answer import jump
-from rattlesweep.kernel.look.inside import (
-    both,
-)
+from rattlesweep.kernel.look.extremes import note_contact, start_points
+from rattlesweep.kernel.look.inside import along_flow, both
 from rattlesweep.kernel.state.fields import (
-    DIFFERENCE,
     NEVER,
-    ROLLING,
-    SLIDING,
+    Number,
     Point,
     Slip,
 )
@@ -49,6 +47,7 @@ from rattlesweep.kernel.state.statuses import (
     RIM,
     STEP_TOO_SMALL,
 )
+from rattlesweep.kernel.state.ways import ROLLING, SLIDING
 from rattlesweep.kernel.step.sliding_motion import (
     LEAST_MOBILITY,
     contact_of,
@@ -76,38 +75,50 @@ AT_RIM = 1e-9
 # in radians of the fastest swing: it falls as the root of the time that is left.
 JAMMING_ANGLE = 1e-6
 TURN_AHEAD = 1e-6  # of differences with respect to the angle
-RESULTS = (
-    ("t_slide", float),
-    ("n_slides", np.int32),
-    ("slide_time", float),
-    ("slide_work", float),
-)
+
+
+class SlipFields:
+    """The sliding of the contact point, at either end of the step."""
+
+    slip: Slip
+
+
+class SlideFields:
+    """What a lane that may slide knows of its slides."""
+
+    mu: Number  # coefficient of friction, which follows the other constants of the run
+    t_begin: Number  # begin of the last slide
+    h_rolling: Number  # size of the step before it
+    refused: Number  # status of a body that can neither roll nor slide at launch, or 0
+
+
+@dataclass(frozen=True)
+class SlideResults:
+    """Results of a model that slides; without rows in others."""
+
+    t_slide: Floats  # begin of the first slide
+    n_slides: NDArray[np.int32]
+    slide_time: Floats  # time spent sliding
+    slide_work: Floats  # energy lost by sliding, relative to energy_0
 
 
 # From rolling to sliding and back.
 
 
 @scalar
-def hold_point(lane, h, y, f):
+def friction_left(lane, y):
     """Return the friction that is left: positive while the plane holds the body.
 
     Of a body with a rim it is combined with the height that is left below the rim, so
     that one search finds the first zero of both.
     """
-    ahead = DIFFERENCE / lane.swing
-    contact = lane.problem.model.contact
-    left = lane.problem.modes.left
-    normal, tangential = contact(y, lane.constants)
-    now = both(lane.mu * normal - tangential, left(lane, y))
-    y_later = moved(y, f, ahead)
-    normal, tangential = contact(y_later, lane.constants)
-    later = both(lane.mu * normal - tangential, left(lane, y_later))
-    return Point(h, now, (later - now) / ahead)
+    normal, tangential = lane.problem.model.contact(y, lane.constants)
+    return both(lane.mu * normal - tangential, lane.problem.modes.left(lane, y))
 
 
 @scalar
 def hold_margin(lane, y, f):
-    """Return a smooth function with the sign of :func:`hold_point`.
+    """Return a smooth function with the sign of :func:`friction_left`.
 
     It is ``(mu F_n)^2 - F_t^2``, with the sign of ``F_n`` before the first square, and
     the height that is left.  It has no kink where the tangential force ``F_t`` is zero.
@@ -206,9 +217,9 @@ def begin(lane, t):
         lane.mode = SLIDING
         lane.h_rolling = longest
         lane.t_begin = t
-        if lane.slides == 0.0:
+        if lane.n_slides == 0.0:
             lane.t_slide = t
-        lane.slides += 1.0
+        lane.n_slides += 1.0
     return status
 
 
@@ -221,7 +232,7 @@ def end(lane, t):
     if hold_margin(lane, y, f) <= 0.0:
         # It slides on in another direction, in which the force is another, too.
         lane.mode = SLIDING
-        runs.note_contact(lane)
+        note_contact(lane)
         return slide_from_rest(lane)
     jump(lane)
     lane.h_next = lane.h_rolling
@@ -268,12 +279,6 @@ def slide_point(lane, h, y, f):
 
 
 @njit(**INNER)
-def prepare(lane):
-    """Note that the body has not slid."""
-    lane.t_slide = -1.0
-
-
-@njit(**INNER)
 def launch(lane):
     """Slide from the launch on where the plane cannot hold the body."""
     if lane.margin0 >= 0.0:
@@ -288,11 +293,11 @@ def launch(lane):
     lane.h = min(lane.h, lane.h_next)
     limit = lane.limit1
     lane.limit0 = Point(0.0, limit.value, limit.rate)
-    runs.start_points(lane)
+    start_points(lane)
     # The force that would hold the body never acts.
     lane.ratio_max = 0.0
     lane.normal_min = NEVER
-    runs.note_contact(lane)
+    note_contact(lane)
 
 
 @njit(**INNER)
@@ -338,15 +343,14 @@ def work(lane):
 
 
 @njit(**INNER)
-def store(lane, t, result):
-    """Store the results of slides."""
+def store(lane):
+    """Set the results of slides."""
     if lane.mode == SLIDING:
-        lane.slide_time += t - lane.t_begin
-    result["t_slide"] = lane.t_slide if lane.t_slide >= 0.0 else np.nan
-    result["n_slides"] = int(lane.slides)
-    result["slide_time"] = lane.slide_time
+        lane.slide_time += lane.t_ended - lane.t_begin
+    if lane.n_slides == 0.0:
+        lane.t_slide = np.nan
     # Zero and not -0 for a run that never slides.
-    result["slide_work"] = 0.0 - lane.slip1.work / lane.energy0
+    lane.slide_work = 0.0 - lane.slip1.work / lane.energy0
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -360,5 +364,7 @@ def observe_body(model, y, slip, constants, mu):
     return energy_of(model, y, slip, constants), normal, tangential, torque
 
 
-ROLLING_MODE = Mode(ROLLING, hold_point, change_rolling, hold_margin, is_calm)
-SLIDING_MODE = Mode(SLIDING, slide_point, change_sliding, results=RESULTS)
+ROLLING_MODE = Mode(
+    ROLLING, along_flow(friction_left), change_rolling, hold_margin, is_calm
+)
+SLIDING_MODE = Mode(SLIDING, slide_point, change_sliding)

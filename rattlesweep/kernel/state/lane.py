@@ -26,7 +26,7 @@ from functools import reduce
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from llvmlite import ir
-from numba import extending, types
+from numba import extending, njit, types
 from numba.core import cgutils
 from numba.core.typing.templates import AttributeTemplate
 
@@ -38,15 +38,32 @@ if TYPE_CHECKING:
     from numba.core.datamodel import DataModelManager
     from numba.core.pythonapi import _UnboxContext
     from numba.core.typing.templates import Signature
-from rattlesweep.compiling.intrinsics import DOUBLE, intrinsic
-from rattlesweep.kernel.state.fields import LANES, Fields, Layout, Point
+from rattlesweep.compiling.intrinsics import DOUBLE, INNER, intrinsic
+from rattlesweep.kernel.state.fields import LANES, Layout, Point
 from rattlesweep.physics.full import scalar
+
+
+@njit(**INNER)
+def nothing(*arguments):
+    """Do nothing, for a run without tangents or a body that only rolls."""
+
+
+@njit(**INNER)
+def recorded(table):
+    """Return whether an observation is recorded: its table has rows for runs then."""
+    return table.shape[0] > 0
 
 
 @scalar
 def never(lane):
     """Return no."""
     return False
+
+
+@scalar
+def as_found(lane, limit):
+    """Return a limit as it is."""
+    return limit
 
 
 @dataclass(frozen=True)
@@ -72,8 +89,6 @@ class Mode:
     # gives_way(lane): whether the plane may let a spin go that it holds in the step
     # tried, from a closer look
     gives_way: Callable[..., bool] = never
-    # Fields that it adds to the results of a run, with their types.
-    results: tuple[tuple[str, type], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -86,39 +101,40 @@ class ModeSet:
     # observe_limit(problem, w, used): tell which steps tried on the used lanes
     # may end at a zero of the limit
     observe_limit: Callable[..., None]
-    # look(lane): compute the limit at the ends of a step tried that is to be searched
-    look: Callable[..., None]
     gives_way: Callable[..., bool]  # as in `Mode`
+    change: Callable[..., tuple[int, int]]
     # plan(problem, w): return whether lanes that roll try a step in this turn, and
     # whether there are lanes that slide
     plan: Callable[..., tuple[bool, bool]]
     # decide(problem, w, due): decide on lanes that slide or wait; return which are due
     decide: Callable[..., int]
-    change: Callable[..., tuple[int, int]]
-    # prepare(lane): set what the equations need of a launch
-    prepare: Callable[..., None]
-    # launch(lane): go over to the mode of the launch, once the run is started
-    launch: Callable[..., None]
     # settle(lane, y, n, t): go over to the mode of a body that rolls in the state y,
     # with the spin n, which is at most `TINY` where that of y is a rounding error
     settle: Callable[..., None]
-    # free(lane): let a body at rest begin to slide at the end of the step
-    free: Callable[..., None]
-    # slow(lane): after a step to the end of a slide, or towards it, correct the spin
-    slow: Callable[..., None]
-    # advance(problem, w): move what modes add to the state to the end of the step
-    advance: Callable[..., None]
     # left(lane, y): height from the contact up to the rim; 1 without a rim
     left: Callable[..., float]
-    # At the end of the step: the energy minus the work of friction, this work, and that
-    # of pivoting.
+    # At the end of the step: the energy minus the work of friction, and this work.
     energy: Callable[..., float]
     work: Callable[..., float]
-    pivot_work: Callable[..., float]
     # observe(model, y, slip, constants, mu): energy minus work, normal and tangential
     # force, torque of friction along the vertical
     observe: Callable[..., tuple[float, float, float, float]]
-    results: tuple[str, ...]  # names of the fields that modes add to those of a run
+    # look(lane): compute the limit at the ends of a step tried that is to be searched
+    look: Callable[..., None] = nothing
+    # at_start(lane, limit): the limit at the start of the step, from its value there
+    at_start: Callable[..., Point] = as_found
+    # prepare(lane): set what the equations need of a launch
+    prepare: Callable[..., None] = nothing
+    # launch(lane): go over to the mode of the launch, once the run is started
+    launch: Callable[..., None] = nothing
+    # free(lane): let a body at rest begin to slide at the end of the step
+    free: Callable[..., None] = nothing
+    # slow(lane): after a step to the end of a slide, or towards it, correct the spin
+    slow: Callable[..., None] = nothing
+    # advance(problem, w): move what modes add to the state to the end of the step
+    advance: Callable[..., None] = nothing
+    # store(lane): set what modes add to the results of a run that has ended
+    store: Callable[..., None] = nothing
 
 
 @dataclass(frozen=True)
@@ -145,6 +161,7 @@ class Problem:
     def __init__(
         self,
         model: Model | None,
+        layout: Layout,
         lanes: int = LANES,
         modes: ModeSet | None = None,
         tangents: Tangents | None = None,
@@ -169,8 +186,8 @@ class Problem:
         if rimmed:
             self.name += "_rimmed"
         self.lanes = lanes
-        self.layout = Layout(model)
-        self.first = self.layout.y  # first row of the fields that depend on the model
+        self.layout = layout
+        self.first = layout.first  # first row of the fields that depend on the model
         self.known[self.name] = self
 
 
@@ -270,7 +287,7 @@ class _LaneModel(extending.models.StructModel):
         super().__init__(manager, lane, members)
 
 
-class Lane(Fields):
+class Lane:
     """A lane in Python, used where nothing is compiled."""
 
     problem: Problem
@@ -279,18 +296,17 @@ class Lane(Fields):
         vars(self)["problem"] = problem
         vars(self)["cells"] = w.reshape(-1, problem.lanes)[:, l]
 
-    def __getattr__(self, name: str) -> float | tuple[float, ...]:
+    def __getattr__(self, name: str) -> Any:
         row, kind = self.problem.layout.fields[name]
         cells: Floats = vars(self)["cells"]
         if kind is types.float64:
-            number: float = cells[row]
-            return number
+            return cells[row]
         values = tuple(cells[row : row + len(kind)])
         return (
             kind.instance_class(*values) if hasattr(kind, "instance_class") else values
         )
 
-    def __setattr__(self, name: str, value: float | tuple[float, ...]) -> None:
+    def __setattr__(self, name: str, value: Any) -> None:
         row, kind = self.problem.layout.fields[name]
         count = 1 if kind is types.float64 else len(kind)
         vars(self)["cells"][row : row + count] = value
@@ -396,22 +412,6 @@ def lane_of(context, builder, signature, args):
     lane.data = context.make_array(signature.args[1])(context, builder, args[1]).data
     lane.place = args[2]
     return lane._getvalue()
-
-
-def _clear(lane):
-    vars(lane)["cells"][: lane.problem.layout.y] = 0.0
-
-
-@intrinsic(lambda typingctx, lane: types.void(lane), _clear)
-def clear(context, builder, signature, args):
-    """Set the fields before ``y``, which every model has, to zero."""
-    kind = signature.args[0]
-    cells = _cells(context, builder, kind, args[0])
-    end = cells.lane.type(kind.field("y")[0] * cells.lanes)
-    step = cells.lane.type(cells.lanes)
-    with cgutils.for_range_slice(builder, cells.lane, end, step) as (index, _):
-        builder.store(DOUBLE(0.0), cgutils.gep(builder, cells.data, index))
-    return context.get_dummy_value()
 
 
 class Sum(NamedTuple):

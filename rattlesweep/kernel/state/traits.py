@@ -13,16 +13,17 @@ class Traits(NamedTuple):
     """Traits of a model and a method.
 
     The fields of a lane that depend on the model begin with those at the start of a
-    step; as many rows with those at its end follow, and then the constants and the
-    probe (`fields.Fields`).
+    step, its state and derivative first and its slip last; as many rows with those at
+    its end follow, and then the probe and the constants (`fields.Layout`).
     """
 
     adaptive: bool  # the method controls its steps
     n_fields: int  # rows of the fields of a lane
     n_state: int  # numbers of the state
-    n_end: int  # of the state, its derivative, tangents and theirs
-    n_constants: int
+    n_end: int  # of the state, its derivative, tangents and theirs, and the slip
     n_probe: int
+    n_constants: int  # with the coefficient of friction
+    results: int  # first row of what modes add to the results of a run, the last rows
     limited: bool  # the motion has a limit, at which a run may end
     lifts: bool  # the body may leave the plane, and gains energy from it
     slides: bool
@@ -33,13 +34,15 @@ class Traits(NamedTuple):
 
 def traits_of(problem: Problem, model: Model, *, adaptive: bool) -> Traits:
     """Return the traits of a model, whose problem may have a rim."""
+    at = problem.layout
     return Traits(
         adaptive=adaptive,
-        n_fields=problem.layout.stages,
+        n_fields=at.stages,
         n_state=model.n_state,
-        n_end=2 * (1 + model.n_tangents) * model.n_state,
-        n_constants=model.n_constants,
+        n_end=at.second - at.first,
         n_probe=model.n_probe,
+        n_constants=len(model.of_runs),
+        results=at.results,
         limited=problem.limited,
         lifts=bool(model.lifts),
         slides=problem.slides,

@@ -15,8 +15,8 @@ from collections.abc import Callable, Sequence
 from rattlesweep.compiling.intrinsics import INNER
 from rattlesweep.compiling.loading import import_written
 from rattlesweep.kernel.method.tableau import Row, Tableau
-from rattlesweep.kernel.state.fields import GROUP, LANES, Layout
-from rattlesweep.motion.model import Model
+from rattlesweep.kernel.state.fields import GROUP
+from rattlesweep.kernel.state.lane import Problem
 from rattlesweep.physics.full import FASTMATH
 
 SUBSTEPS = 8  # steps of a fixed-step method between two decisions on the lanes
@@ -38,14 +38,14 @@ class _Attempt:
     The first ``used`` lanes are stepped, which are whole groups.
     """
 
-    def __init__(
-        self, tableau: Tableau, model: Model, lanes: int, volume: bool
-    ) -> None:
+    def __init__(self, tableau: Tableau, problem: Problem, volume: bool) -> None:
+        model = problem.model
+        assert model is not None
         self.tableau = tableau
         self.model = model
-        self.lanes = lanes
+        self.lanes = problem.lanes
         self.volume = volume
-        at = Layout(model)
+        at = problem.layout
         self.at = at
         # Definitions of the readers and writers of cells, and the lines of the
         # function.
@@ -264,11 +264,11 @@ def span(first: int, count: int) -> str:
 
 
 def write_attempt(
-    tableau: Tableau, model: Model, lanes: int = LANES, *, volume: bool = False
+    tableau: Tableau, problem: Problem, *, volume: bool = False
 ) -> Callable[..., None]:
     """Write and import the module of a method and a model, and return ``attempt``."""
-    name = f"attempt_{tableau.name}_{model.name}_{lanes}"
+    name = f"attempt_{tableau.name}_{problem.name}"
     if volume:
         name += "_volume"
-    written = import_written(name, _Attempt(tableau, model, lanes, volume).source)
+    written = import_written(name, _Attempt(tableau, problem, volume).source)
     return written.attempt  # type: ignore[no-any-return]

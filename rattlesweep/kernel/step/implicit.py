@@ -25,10 +25,9 @@ import numpy as np
 from rattlesweep.arrays import Floats
 from rattlesweep.compiling.loading import import_written
 from rattlesweep.kernel.method.collocation import STAGES
-from rattlesweep.kernel.state.fields import LANES, Layout
+from rattlesweep.kernel.state.lane import Problem
 from rattlesweep.kernel.step.explicit import HEADER, SEEN, loop_over_lanes, span
 from rattlesweep.kernel.step.radau import METHOD
-from rattlesweep.motion.model import Model
 
 SWEEPS = 8
 # Shares of squared estimates that count as the error.  The coefficients of rates say
@@ -69,15 +68,17 @@ _INVERSE = np.linalg.inv(BASIS)
 class _Attempt:
     """Writes what that of `step.explicit` does."""
 
-    def __init__(self, model: Model, lanes: int) -> None:
+    def __init__(self, problem: Problem) -> None:
+        model = problem.model
+        assert model is not None
         assert model.chart is not None
         self.model = model
-        self.lanes = lanes
+        self.lanes = problem.lanes
         self.n = model.n_state
         # Components: of the position, of omega after it, and of the slip.
         self.n_place = len(model.chart.place) - 3
         self.slip = model.components.index("slip_1")
-        at = Layout(model)
+        at = problem.layout
         self.at = at
         # First rows of the states and the derivatives at the stages, of the rates of
         # the positions, and of the stiffness.
@@ -290,9 +291,7 @@ class _Attempt:
         self.lines += [" " * indent + line for line in lines]
 
 
-def write_implicit(model: Model, lanes: int = LANES) -> Callable[..., None]:
+def write_implicit(problem: Problem) -> Callable[..., None]:
     """Write and import the module of a model, and return ``attempt``."""
-    written = import_written(
-        f"implicit_{model.name}_{lanes}", _Attempt(model, lanes).source
-    )
+    written = import_written(f"implicit_{problem.name}", _Attempt(problem).source)
     return written.attempt  # type: ignore[no-any-return]

@@ -14,8 +14,10 @@ from rattlesweep.compiling.intrinsics import (
 )
 from rattlesweep.kernel import runs
 from rattlesweep.kernel.state.fields import (
-    SLIDING,
     STEP,
+    Flag,
+    Number,
+    Past,
     Slip,
 )
 from rattlesweep.kernel.state.lane import lane_of
@@ -23,6 +25,7 @@ from rattlesweep.kernel.state.statuses import (
     JAMMED,
     STEP_TOO_SMALL,
 )
+from rattlesweep.kernel.state.ways import steps_in_block
 from rattlesweep.kernel.step.sliding_step import (
     BEGINNING,
     FAILED,
@@ -61,6 +64,20 @@ FEWEST_SLIDING = 4
 FEWEST_BUSY = 6
 # Columns that become free before others take their places.
 FEWEST_FREE = 3
+
+
+class SlotFields:
+    """What a lane that may slide knows of its steps in a block."""
+
+    waits: Flag  # whether it tries no step in this turn
+    past_h: Number  # size of the last step of the slide, 0 if there is none
+    tried_h: Number  # the same of the step tried
+    # Ratio of the next step to the step tried, 0 where `turn.decide` finds it.
+    stretch: Number
+    rise: Number  # 18th root of the squared error of the step tried
+    past_rise: Number  # the same of the last step
+    past: Past  # rates in the last step of the slide (`step.radau`)
+    tried: Past  # rates in the step tried
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -188,7 +205,7 @@ def plan_sliding(problem, w):
     others = 0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        others += 1 if (lane.refused > 0.0) | (lane.mode == SLIDING) else 0
+        others += 1 if (lane.refused > 0.0) | steps_in_block(lane) else 0
     if others == 0:
         return True, False
     return plan_turn(problem, w), True
@@ -207,14 +224,14 @@ def plan_turn(problem, w):
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         busy = lane.run >= 0.0
-        slides = lane.mode == SLIDING
+        slides = steps_in_block(lane)
         sliding += 1 if busy & slides else 0
         rolling += 1 if busy & (not slides) else 0
         watched += lane.watched
     rolls = (rolling >= sliding) | (watched > 0.0)
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        waits = (not rolls) & (lane.mode != SLIDING)
+        waits = (not rolls) & (not steps_in_block(lane))
         lane.waits = 1.0 if waits else 0.0
     if not rolls:
         for l in range(problem.lanes):
@@ -234,7 +251,7 @@ def sliding_lanes(problem, w):
         if lane.refused > 0.0:
             lane.waits = 0.0
             stay(lane)
-        bits |= (1 if (lane.refused == 0.0) & (lane.mode == SLIDING) else 0) << l
+        bits |= (1 if (lane.refused == 0.0) & steps_in_block(lane) else 0) << l
     return bits
 
 
@@ -249,7 +266,7 @@ def decide_sliding(problem, w, due):
         lane = lane_of(problem, w, l)
         waits = lane.waits > 0.0
         # Lanes that are due are looked at later.
-        moves = (lane.mode == SLIDING) & (lane.accept > 0.0) & ((due >> l) & 1 == 0)
+        moves = steps_in_block(lane) & (lane.accept > 0.0) & ((due >> l) & 1 == 0)
         if moves and runs.stalls(lane, True):
             lane.refused = STEP_TOO_SMALL
         if lane.stretch > 0.0:

@@ -1,0 +1,100 @@
+"""What nouns bring to a lane and to the results of a run, collected in one place.
+
+A noun declares it beside its code, as classes: the fields that a lane has for it, what
+it adds to the results of every run (`runs.RunResults`) or to those of a mode, and what
+may be recorded of it, with the shape of the table of a run.
+"""
+
+from collections import namedtuple
+from dataclasses import dataclass
+from functools import cache
+from typing import get_type_hints
+
+from rattlesweep.kernel import runs, tangents
+from rattlesweep.kernel.event import looks, peaks, zeros
+from rattlesweep.kernel.look import casimir, extremes, late, marks
+from rattlesweep.kernel.method.collocation import STAGES
+from rattlesweep.kernel.mode import pivots, slides
+from rattlesweep.kernel.state import fields as kinds
+from rattlesweep.kernel.state import ways
+from rattlesweep.kernel.state.fields import N_SLIP, Layout
+from rattlesweep.kernel.step import slots
+from rattlesweep.motion.model import Model
+
+# Fields of every lane, whatever its model.
+OF_EVERY_LANE = (
+    # In the first rows, where `runs.start` copies it.
+    runs.PlanFields,
+    runs.RunFields,
+    zeros.SearchFields,
+    peaks.PeakFields,
+    looks.LookFields,
+    ways.ModeFields,
+    extremes.ExtremeFields,
+    marks.MarkFields,
+    late.LateFields,
+    casimir.CasimirFields,
+    # Next to the state.
+    kinds.TurnFields,
+)
+
+
+@cache
+def layout_of(model: Model | None) -> Layout:
+    """Return the rows of the lanes of a model, or of those that all models share."""
+    if model is None:
+        return Layout(OF_EVERY_LANE)
+    ends: list[type] = [kinds.MotionFields, tangents.TangentFields]
+    others: list[type] = [kinds.BodyFields]
+    results: list[type] = []
+    if model.slide is not None:
+        ends.append(slides.SlipFields)
+        others += slides.SlideFields, slots.SlotFields
+        results.append(slides.SlideResults)
+    if model.pivot is not None:
+        others.append(pivots.RestFields)
+        results.append(pivots.RestResults)
+    if model.n_tangents:
+        others.append(tangents.GrowthFields)
+    counts = {
+        kinds.State: model.n_state,
+        kinds.Constants: model.n_constants,
+        kinds.Probe: model.n_probe,
+        kinds.Tangent: model.n_tangents * model.n_state,
+        kinds.Lengths: model.n_tangents if model.n_tangents > 1 else 0,
+        kinds.Past: STAGES * (model.n_state + N_SLIP),
+    }
+    return Layout(OF_EVERY_LANE, ends, others, results, counts)
+
+
+@dataclass(frozen=True)
+class ModeResults(slides.SlideResults, pivots.RestResults):
+    """What modes add to the results of a run; without rows if a model lacks them."""
+
+
+MODE_RESULTS = {
+    name: runs.NUMBER_OF[kind] for name, kind in get_type_hints(ModeResults).items()
+}
+
+
+@dataclass(frozen=True)
+class Recorded(
+    runs.RunRecord,
+    extremes.ExtremeRecord,
+    marks.MarkRecord,
+    late.LateRecord,
+    casimir.CasimirRecord,
+    tangents.GrowthRecord,
+):
+    """What is recorded of runs: arrays of shape (runs, rows, columns).
+
+    An array has no runs if its observation is not recorded.
+    """
+
+
+SHAPES = {
+    name: kind.__metadata__[0]
+    for name, kind in get_type_hints(Recorded, include_extras=True).items()
+}
+Recording = namedtuple("Recording", SHAPES)  # type: ignore[misc]
+"""What a kernel records: the arrays of :class:`Recorded`."""
