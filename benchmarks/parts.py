@@ -1,6 +1,6 @@
 """Time of each part of a sweep, relative to a plain run.
 
-    python benchmarks/parts.py [--quick]
+    python benchmarks/parts.py [--samples 70] [--repeats 7] [--part limit ...]
 
 The runs are those of ``configs/tradeoff.yaml`` with a horizon of 1000, so that long
 runs do not leave lanes empty. All parts take turns on one thread; the table shows
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 HORIZON = 1000.0
 ELLIPSOID = ("bodies.surface=ellipsoid", "bodies.c=2")
 SIGMA = "dissipation={sigma: 0.001}"
+LOOSE = "integrator.tol=1.0e-6"
+LIMIT = "dissipation={mu: 900000}"  # almost nothing slides
 ROLLING = "dissipation={rolling: 0.0001}"
 PIVOT = "dissipation={pivot: 0.0005}"
 RECORDS = (
@@ -48,10 +50,17 @@ RECORDS = (
     "reversals",
     "energy, contact, windows",
 )
-# Settings of what is compared with a plain run, by name.
+# Settings of what is compared with a plain run, by name.  What ends in "at 1e-6" is
+# compared with a plain run at that tolerance.
 VARIANTS: dict[str, tuple[str, ...]] = {
     "plain": (),
     **{f"record {names}": (f"record=[{names}]",) for names in RECORDS},
+    "record spectrum, reversals": ("record=[spectrum, reversals]",),
+    "plain at 1e-6": (LOOSE,),
+    "record contact at 1e-6": ("record=[contact]", LOOSE),
+    "record error at 1e-6": ("record=[error]", LOOSE),
+    "limit": (LIMIT,),
+    "limit at 1e-6": (LIMIT, LOOSE),
     "accuracy t_r 1e-6": ("integrator={accuracy: {t_r: 1e-6}}",),
     "model reduced": ("model=reduced",),
     "ellipsoid": ELLIPSOID,
@@ -110,18 +119,22 @@ def around(samples: int, folder: Path) -> dict[str, Part]:
 
 
 @click.command()
-@click.option("--quick", is_flag=True, help="Fewer runs and repeats.")
-def main(quick: bool) -> None:
-    """Print the time of each part."""
-    samples = 5 if quick else 70
-    parts = {name: integration(samples, sets) for name, sets in VARIANTS.items()}
+@click.option("--samples", default=70, show_default=True, help="Bodies a case.")
+@click.option("--repeats", default=7, show_default=True)
+@click.option("--part", "chosen", multiple=True, type=click.Choice(list(VARIANTS)))
+def main(samples: int, repeats: int, chosen: tuple[str, ...]) -> None:
+    """Print the time of each part, or of some beside plain runs."""
+    names = dict.fromkeys(("plain", "plain at 1e-6", *chosen) if chosen else VARIANTS)
+    parts = {name: integration(samples, VARIANTS[name]) for name in names}
     with tempfile.TemporaryDirectory() as folder:
-        parts |= around(samples, Path(folder))
+        if not chosen:
+            parts |= around(samples, Path(folder))
         calls = {name: part.call for name, part in parts.items()}
-        seconds = in_turns(calls, 2 if quick else 7)
+        seconds = in_turns(calls, repeats)
     click.echo(f"{heading()}\n{'part':32}{'us per unit of time':>20}{'of plain':>10}")
-    plain = seconds["plain"] / parts["plain"].amount
     for name, part in parts.items():
+        base = "plain at 1e-6" if name.endswith("at 1e-6") else "plain"
+        plain = seconds[base] / parts[base].amount
         price = seconds[name] / part.amount
         click.echo(f"{name:32}{1e6 * price:20.4g}{price / plain:10.4f}")
 

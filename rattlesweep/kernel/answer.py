@@ -7,6 +7,8 @@ or tangents.  Both are compiled for each model and called by their addresses.
 """
 
 # mypy: ignore-errors
+from math import sqrt
+
 from numba import njit
 
 from rattlesweep.compiling.intrinsics import INNER, moved
@@ -34,14 +36,17 @@ def derive(lane):
 
 @scalar
 def contact_points(lane, h, y, f):
-    """Return the ratio of the contact forces and the negative normal force."""
+    """Return the ratio of the contact forces and the negative normal force.
+
+    ``f`` is the derivative in the state ``y``.
+    """
     # The rates are differences along the flow; an error of them only moves the place
     # at which an extreme is evaluated.
     ahead = DIFFERENCE / lane.swing
-    contact = lane.problem.model.contact
-    normal, tangential = contact(y, lane.constants)
-    ratio = tangential / abs(normal)
-    later_normal, tangential = contact(moved(y, f, ahead), lane.constants)
+    model = lane.problem.model
+    normal, square = model.force(y, f, lane.constants)
+    ratio = sqrt(square) / abs(normal)
+    later_normal, tangential = model.contact(moved(y, f, ahead), lane.constants)
     rate = (tangential / abs(later_normal) - ratio) / ahead
     lift_rate = (normal - later_normal) / ahead
     return Point(h, ratio, rate), Point(h, -normal, lift_rate)

@@ -52,6 +52,7 @@ def layout_of(model: Model | None) -> Layout:
         others += slides.SlideFields, slots.SlotFields
         results.append(slides.SlideResults)
     if model.pivot is not None:
+        ends.append(pivots.HoldFields)
         others.append(pivots.RestFields)
         results.append(pivots.RestResults)
     if model.n_tangents:

@@ -450,6 +450,35 @@ def hold_back(problem, traits, w, l):
 
 
 @njit(**INNER)
+def keep_end(problem, traits, w, l):
+    """Keep the end of the step just tried while shorter ones are tried for its peaks.
+
+    These are the rows of `END_OF_STEP`, and then those that the model has there.
+    """
+    lanes = problem.lanes
+    kept = traits.kept * lanes + l
+    for row in problem.rows_of_end:
+        w[kept] = w[row * lanes + l]
+        kept += lanes
+    end = (problem.first + traits.n_end) * lanes + l
+    for k in range(traits.n_end):
+        w[kept + k * lanes] = w[end + k * lanes]
+
+
+@njit(**INNER)
+def restore_end(problem, traits, w, l):
+    """Let the step just tried be the one whose end was kept."""
+    lanes = problem.lanes
+    kept = traits.kept * lanes + l
+    for row in problem.rows_of_end:
+        w[row * lanes + l] = w[kept]
+        kept += lanes
+    end = (problem.first + traits.n_end) * lanes + l
+    for k in range(traits.n_end):
+        w[end + k * lanes] = w[kept + k * lanes]
+
+
+@njit(**INNER)
 def advance(problem, traits, w):
     """Move all lanes to the end of their step."""
     size = traits.n_end * problem.lanes

@@ -130,19 +130,20 @@ def reject(traits, lane, max_steps):
 
 
 @njit(**INNER)
-def decide_closely(lane, max_steps, stage):
+def decide_closely(problem, traits, w, l, max_steps, stage):
     """Decide on the step tried on a lane where something is due.
 
     Returns a status, which is OK if the run goes on, and a
     move: HOLD (the step is not taken), TAKE, REVERSED (the step is taken and ends at a
     zero of the spin), or ARRIVED (the spin is as far as awaited within the step).
     """
+    lane = lane_of(problem, w, l)
     if stage == ZEROS:
         move = search_zeros(lane)
     elif stage == AFTER_EVENT:
         move = zeros.search_on(lane, lane.h)
     else:
-        move = peaks.search_peaks(lane)
+        move = peaks.search_peaks(problem, traits, w, l)
     lane.accept = 0.0 if move == HOLD else 1.0
     if move == HOLD:
         return OK, HOLD
@@ -298,7 +299,8 @@ def watch(problem, traits, parts, w, recording):
     """Update the records of lanes whose step was accepted."""
     if traits.limited:
         runs.advance_limit(problem, w)
-    if not is_recording(parts, recording):
+    extremes.advance(problem, w, recording)
+    if not takes_each(parts, recording):
         return
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
@@ -315,7 +317,6 @@ def watch(problem, traits, parts, w, recording):
             casimir = recording.casimir
             noted = recorded(recording.late), recorded(casimir), False
             call(parts[NOTE], (w, l, *noted, casimir))
-        extremes.note_end(lane, recording)
         if recorded(recording.windows):
             lane.window_n_min = min(lane.window_n_min, lane.n1)
             lane.window_n_max = max(lane.window_n_max, lane.n1)
@@ -328,9 +329,15 @@ def watch(problem, traits, parts, w, recording):
 @njit(**INNER)
 def is_recording(parts, recording):
     """Return whether something is recorded of each accepted step."""
+    return extremes.wanted(recording) != 0 or takes_each(parts, recording)
+
+
+@njit(**INNER)
+def takes_each(parts, recording):
+    """Return whether accepted steps are recorded lane by lane."""
     return (
         recorded(recording.energy)
-        or extremes.wanted(recording) != 0
+        or recorded(recording.reversals)
         or recorded(recording.windows)
         or recorded(recording.volume)
         or parts[NOTE] != 0
@@ -393,7 +400,8 @@ def look_closer(problem, traits, parts, w, l, max_steps, goes_on, reversals, mar
         ask(parts, answer.MEASURE, w, l)
     if traits.limited:
         ask(parts, answer.LIMIT, w, l)
-    status, move = search_closely(traits, lane, max_steps, goes_on, reversals, marks)
+    settings = max_steps, goes_on, reversals, marks
+    status, move = search_closely(problem, traits, w, l, *settings)
     if status in (OK, AT_LIMIT) and runs.stalls(lane, move != HOLD):
         status = STEP_TOO_SMALL
         move = HOLD
@@ -410,23 +418,25 @@ def look_closer(problem, traits, parts, w, l, max_steps, goes_on, reversals, mar
 
 
 @njit(**INNER)
-def search_closely(traits, lane, max_steps, goes_on, reversals, marks):
+def search_closely(problem, traits, w, l, max_steps, goes_on, reversals, marks):
     """Search the step tried on a lane; return a status and a move.
 
     First come zeros, which say where the step ends, and then, if it is taken, extremes
     and marks within it.
     """
+    lane = lane_of(problem, w, l)
     if lane.search == STEP and lane.accept == 0.0:
         return reject(traits, lane, max_steps), HOLD
+    where = problem, traits, w, l
     if lane.search < PEAK:
-        status, move = decide_closely(lane, max_steps, ZEROS)
+        status, move = decide_closely(*where, max_steps, ZEROS)
         while move == ARRIVED or (move == REVERSED and goes_on):
             if move == ARRIVED:
                 runs.note_far(lane, reversals)
             else:
                 t = lane.t + (lane.h - lane.t_low)
                 runs.note_zero(lane, t, recorded(reversals))
-            status, move = decide_closely(lane, max_steps, AFTER_EVENT)
+            status, move = decide_closely(*where, max_steps, AFTER_EVENT)
         if move == TAKE and lane.t_zero >= 0.0 and not recorded(reversals):
             # Only the first zero is asked for.
             lane.sign = 0.0
@@ -434,7 +444,7 @@ def search_closely(traits, lane, max_steps, goes_on, reversals, marks):
         lane.move = move
         if status not in (OK, AT_LIMIT) or move == HOLD or lane.watched == 0.0:
             return status, move
-    status, move = decide_closely(lane, max_steps, PEAKS)
+    status, move = decide_closely(*where, max_steps, PEAKS)
     if recorded(marks):
         note_mark(lane, marks)
     return status, move

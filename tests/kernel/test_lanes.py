@@ -21,7 +21,7 @@ from rattlesweep.kernel.state.fields import LANES
 from rattlesweep.kernel.state.status import Status
 from rattlesweep.kernel.step.explicit import SUBSTEPS
 from rattlesweep.kernel.task import Task
-from rattlesweep.motion.model import FULL, MODELS, REDUCED
+from rattlesweep.motion.model import FULL, MODELS, REDUCED, find_model
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.full import scalar
 
@@ -415,3 +415,24 @@ def test_reduced_model_with_one_mode_is_the_formula(method):
     assert_status(out, Status.OK)
     assert out.t_r == pytest.approx(expected, rel=1e-9)
     assert np.abs(out.energy_drift).max() < 1e-9
+
+
+def test_a_decayed_oscillation_leaves_no_subnormal_numbers():
+    """Processors take many times as long for these.
+
+    Products of four small numbers, which steps have, must be normal.
+    """
+    rolling = find_model("full_rolling")
+    plain = kernels.full_batch(GH, [-0.2], t_end=3000.0)
+    named = dict(zip(FULL.constants, plain.constants[0], strict=True))
+    named |= {"k": 0.0, "sigma": 0.0, "rolling": 1e-3, "smoothing": 1e-4}
+    batch = dataclasses.replace(
+        plain,
+        y0=np.append(plain.y0, [[0.0]], axis=1),
+        constants=np.array([[named[name] for name in rolling.constants]]),
+    )
+    outcome = integrate(batch, DOP853, rolling)
+    assert_status(outcome, Status.OK)
+    moving = np.abs(outcome.y_end[0, :4])
+    assert moving.max() < 1e-55
+    assert moving.max() ** 4 > np.finfo(float).tiny

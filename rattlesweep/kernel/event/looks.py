@@ -9,6 +9,8 @@ something new is watched: the step is then searched (`event.zeros`).
 """
 
 # mypy: ignore-errors
+from math import sqrt
+
 from numba import njit
 
 from rattlesweep.compiling.intrinsics import INNER, widest_vectors
@@ -18,7 +20,7 @@ from rattlesweep.kernel.event.zeros import may_be_far
 from rattlesweep.kernel.look import inside
 from rattlesweep.kernel.look.extremes import CONTACT, REVERSALS, least_turn, turn_points
 from rattlesweep.kernel.look.marks import MARKS, value_of
-from rattlesweep.kernel.state.fields import NEVER, PEAK, Flag, Peak, Point
+from rattlesweep.kernel.state.fields import NEVER, PEAK, Flag, Number, Peak, Point
 from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.kernel.state.ways import steps_in_block
 from rattlesweep.physics.full import FASTMATH, scalar
@@ -32,6 +34,9 @@ class LookFields:
     """What a look tells of the step tried."""
 
     inside: Flag  # whether it is long, and may hold a peak
+    # Of no lane: what is seen of a long step at places side by side (`look.inside`).
+    seen_first: Number
+    seen_second: Number
 
 
 def look_within(problem, w, stage, wanted, marks):
@@ -54,14 +59,19 @@ def look_within(problem, w, stage, wanted, marks):
 
 @njit(fastmath=FASTMATH, **INNER)
 def observe_contact(problem, w):
-    """Compute the contact forces at the end of the step tried on every lane."""
+    """Compute the contact forces at the end of the step tried on every lane.
+
+    The forces follow from the state and its derivative, which are known at the end.  In
+    the middle both are those of the cubic through the ends.
+    """
     widest_vectors()
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         ratio, lift = contact_points(lane, lane.h, lane.y1, lane.f1)
-        normal, tangential = lane.problem.model.contact(
-            inside.middle(lane), lane.constants
+        normal, square = lane.problem.model.force(
+            inside.middle(lane), inside.middle_rate(lane), lane.constants
         )
+        tangential = sqrt(square)
         angle = lane.h * lane.swing
         # Where the normal force is negative, the ratio has poles.  What the tangential
         # force exceeds has none; its peak is that of the ratio if no end is higher.
@@ -101,13 +111,11 @@ def follow_contact(problem, w):
         lane = lane_of(problem, w, l)
         if not is_followed(lane) or steps_in_block(lane):
             continue
-        beyond = inside.rates_beyond(lane)
         largest = max(lane.ratio_max, lane.ratio1.value)
-        lane.ratio_peak = inside.peak_if(
-            lane.lift0.value < 0.0 and lane.lift1.value < 0.0,
-            inside.follow(lane, beyond, inside.RATIO, largest),
-        )
-        lane.lift_peak = inside.follow(lane, beyond, inside.LIFT, -lane.normal_min)
+        ratio, lift = inside.follow_forces(problem, w, l, largest, -lane.normal_min)
+        is_pressed = lane.lift0.value < 0.0 and lane.lift1.value < 0.0
+        lane.ratio_peak = inside.peak_if(is_pressed, ratio)
+        lane.lift_peak = lift
         if lane.ratio_peak.h > 0.0 or lane.lift_peak.h > 0.0:
             lane.watched += 1.0
 

@@ -21,12 +21,14 @@ from rattlesweep.kernel.look.extremes import (
     tried_of,
 )
 from rattlesweep.kernel.look.marks import value_of
+from rattlesweep.kernel.runs import keep_end, restore_end
 from rattlesweep.kernel.state.fields import PEAK, RETAKE, STEP, Number, Point
-from rattlesweep.kernel.state.lane import Lane
+from rattlesweep.kernel.state.lane import Lane, lane_of
+from rattlesweep.kernel.state.ways import steps_in_block
 from rattlesweep.physics.full import scalar
 
 # Newton's method ends where a peak is higher than the point tried by less than this
-# share, which is added; and it is added where it is so small that it is right.
+# share, which is added.  If it ends earlier, up to the second share is added.
 NO_RISE = 1e-9
 SMALL_RISE = 1e-5
 MAX_PEAK_TRIES = 8.0
@@ -43,34 +45,57 @@ class PeakFields:
 
 
 @njit(**INNER)
-def search_peaks(lane: Lane) -> int:
+def search_peaks(problem, traits, w, l):  # type: ignore[no-untyped-def]
     """Make one move of the search for extremes in a step that is to be taken.
 
-    The first move follows the try of that step, the last one its repetition.
+    The first move follows the try of that step.  Its end is kept, as the tries of the
+    search overwrite it.  A lane that slides tries the step again instead.
     """
+    lane = lane_of(problem, w, l)
     if lane.search == PEAK:
-        if not (_try_mark(lane) if lane.searched >= FIRST_MARK else _climb(lane)):
-            # The step to take is tried again, since its end has been overwritten.
+        if _try_on(lane):
+            return HOLD
+        if steps_in_block(lane):
             lane.search = RETAKE
             lane.h_next = lane.full.h
-        return HOLD
-    if lane.search == RETAKE:
+            return HOLD
+        restore_end(problem, traits, w, l)
         lane.searched += 1.0
-        lane.h_next = lane.full_next
+    elif lane.search == RETAKE:
+        lane.searched += 1.0
     else:
         lane.searched = FIRST_EXTREME
         lane.full = Point(lane.h, 0.0, 0.0)
         lane.full_next = lane.h_next
-    while lane.searched < N_FUNCTIONS:
-        if lane.searched >= FIRST_MARK:
-            if _bracket_mark(lane):
-                return HOLD
-        elif _bracket_peak(lane):
+        if _bracket_next(lane):
+            keep_end(problem, traits, w, l)
             return HOLD
-        lane.searched += 1.0
+    if _bracket_next(lane):
+        return HOLD
+    lane.h_next = lane.full_next
     lane.searched = SPIN
     lane.search = STEP
     return int(lane.move)
+
+
+@njit(**INNER)
+def _try_on(lane: Lane) -> bool:
+    """Let the point just tried count; return whether there is a next one."""
+    return _try_mark(lane) if lane.searched >= FIRST_MARK else _climb(lane)
+
+
+@njit(**INNER)
+def _bracket_next(lane: Lane) -> bool:
+    """Set the first point to try for the next function that is searched.
+
+    Return whether there is one.
+    """
+    while lane.searched < N_FUNCTIONS:
+        is_mark = lane.searched >= FIRST_MARK
+        if _bracket_mark(lane) if is_mark else _bracket_peak(lane):
+            return True
+        lane.searched += 1.0
+    return False
 
 
 @njit(**INNER)
@@ -95,10 +120,12 @@ def _climb(lane: Lane) -> bool:
         lane.bend /= scale_of(k, lane)
     rise = _rise_to_top(lane, tried)
     value = tried.value
-    if rise < SMALL_RISE * abs(value):
+    goes_on = rise > NO_RISE * abs(value) and _approach_top(lane, tried)
+    # At the first try the bend is a guess, so that it may say too much.
+    if not goes_on and rise < SMALL_RISE * abs(value):
         value += rise
     keep_of(k, lane, value)
-    return rise > NO_RISE * abs(value) and _approach_top(lane, tried)
+    return goes_on
 
 
 @njit(**INNER)

@@ -14,9 +14,9 @@ from typing import Annotated, Any, NamedTuple
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import INNER, choice
+from rattlesweep.compiling.intrinsics import INNER, choice, widest_vectors
 from rattlesweep.kernel.state.fields import NEVER, Number, Peak, Point
-from rattlesweep.kernel.state.lane import recorded
+from rattlesweep.kernel.state.lane import lane_of, recorded
 from rattlesweep.physics.full import TINY, scalar
 
 # Words of `record` for which extremes are searched, and their bits in what is wanted.
@@ -102,11 +102,40 @@ def wanted(recording):
 
 
 @njit(**INNER)
-def note_end(lane, recording):
-    """Let the end of the step just taken count, and be the start of the next."""
+def advance(problem, w, recording):
+    """Let the ends of steps that lanes take count, and be the starts of the next."""
     if recorded(recording.contact):
-        note_contact(lane)
-        start_points(lane)
+        _advance_contact(problem, w)
+
+
+@njit(**INNER)
+def _advance_contact(problem, w):
+    """Do what :func:`note_contact` and :func:`start_points` do, on lanes that move."""
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        # All are read before any is chosen, as in `turn.commit`.
+        moves = lane.accept > 0.0
+        most = lane.ratio_max
+        least = lane.normal_min
+        before = lane.ratio0
+        lift_before = lane.lift0
+        after = lane.ratio1
+        lift_after = lane.lift1
+        rises = moves & (after.value > most)
+        falls = moves & (-lift_after.value < least)
+        lane.ratio_max = after.value if rises else most
+        lane.normal_min = -lift_after.value if falls else least
+        lane.ratio0 = Point(
+            0.0,
+            after.value if moves else before.value,
+            after.rate if moves else before.rate,
+        )
+        lane.lift0 = Point(
+            0.0,
+            lift_after.value if moves else lift_before.value,
+            lift_after.rate if moves else lift_before.rate,
+        )
 
 
 @njit(**INNER)

@@ -11,12 +11,20 @@ is found is a place at which a shorter step of the method is then tried
 # mypy: ignore-errors
 from collections.abc import Callable
 from math import ceil
+from typing import NamedTuple
 
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import INNER, KEPT_APART, moved
+from rattlesweep.compiling.intrinsics import (
+    INNER,
+    KEPT_APART,
+    apart,
+    moved,
+    widest_vectors,
+)
 from rattlesweep.kernel.look.marks import value_of
-from rattlesweep.kernel.state.fields import DIFFERENCE, NEVER, Peak, Point
+from rattlesweep.kernel.state.fields import DIFFERENCE, GROUP, NEVER, Peak, Point
+from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.physics.full import FASTMATH, TINY, scalar
 
 # The longest step of which a glance at the middle tells enough, in radians of the
@@ -77,9 +85,24 @@ def state_at(lane, beyond, share):
 
     ``beyond`` is what :func:`rates_beyond` returns.
     """
+    return between(ends_of(lane), beyond, share)
+
+
+@scalar
+def ends_of(lane):
+    """Return what :func:`between` needs of a step: its ends, its size, the swing."""
+    return lane.y, lane.f, lane.y1, lane.f1, lane.h, lane.swing
+
+
+@scalar
+def between(ends, beyond, share):
+    """Return what :func:`state_at` does, for a step whose ends have been read.
+
+    So a loop over places side by side vectorises, although it writes to the workspace.
+    """
+    start, rate_at_start, stop, rate_at_stop, h, swing = ends
     first, last = beyond
-    h = lane.h
-    scale = h * h * lane.swing / DIFFERENCE
+    scale = h * h * swing / DIFFERENCE
     t = share
     cube = t * t * t
     rest = 1.0 - t
@@ -89,8 +112,8 @@ def state_at(lane, beyond, share):
     bend1 = 0.5 * scale * cube * rest * rest
     rate0 = h * t * rest_cube * (1.0 + 3.0 * t)
     rate1 = -h * cube * rest * (1.0 + 3.0 * rest)
-    y = moved(moved(lane.y, lane.y, -end), lane.y1, end)
-    y = moved(moved(y, lane.f, rate0 - bend0), lane.f1, rate1 - bend1)
+    y = moved(moved(start, start, -end), stop, end)
+    y = moved(moved(y, rate_at_start, rate0 - bend0), rate_at_stop, rate1 - bend1)
     return moved(moved(y, first, bend0), last, bend1)
 
 
@@ -223,26 +246,82 @@ def excess_at(lane, beyond, share, kind, most):
     return -normal - most if kind == LIFT else tangential - most * abs(normal)
 
 
+class Seen(NamedTuple):
+    """What has been seen of a function that is followed in equal pieces of a step."""
+
+    best: float  # number of the look with the largest value
+    top: float  # this value
+    at_left: float  # the values beside it
+    at_right: float
+    low: float  # the least value
+    before: float  # the last one
+
+
+NOTHING_SEEN = Seen(0.0, -NEVER, -NEVER, -NEVER, NEVER, -NEVER)
+
+
+@scalar
+def seen_next(seen, k, excess):
+    """Return what is seen with the look number ``k``."""
+    at_right = excess if k == seen.best + 1.0 else seen.at_right
+    low = min(seen.low, excess)
+    if excess > seen.top:
+        return Seen(k, excess, seen.before, -NEVER, low, excess)
+    return Seen(seen.best, seen.top, seen.at_left, at_right, low, excess)
+
+
+@njit(**INNER)
+def pieces_of(lane):
+    """Return the number of pieces in which a long step is followed."""
+    return min(MOST_PIECES, ceil(lane.h * lane.swing / SPACING))
+
+
 @njit(**INNER)
 def follow(lane, beyond, kind, most):
     """Return the highest peak within a long step if it may exceed a value, or none."""
-    pieces = min(MOST_PIECES, ceil(lane.h * lane.swing / SPACING))
-    best = 0.0
-    before = top = low = excess_at(lane, beyond, 0.0, kind, most)
-    at_left = at_right = -NEVER
-    k = 1.0
+    pieces = pieces_of(lane)
+    seen = NOTHING_SEEN
+    k = 0.0
     while k <= pieces:
-        excess = excess_at(lane, beyond, k / pieces, kind, most)
-        if k == best + 1.0:
-            at_right = excess
-        if excess > top:
-            top = excess
-            best = k
-            at_left = before
-            at_right = -NEVER
-        low = min(low, excess)
-        before = excess
+        seen = seen_next(seen, k, excess_at(lane, beyond, k / pieces, kind, most))
         k += 1.0
+    return peak_seen(lane, beyond, kind, most, seen)
+
+
+@njit(fastmath=FASTMATH, **KEPT_APART)
+def follow_forces(problem, w, l, ratio_most, lift_most):
+    """Return what :func:`follow` does for the ratio of the forces and for the lift."""
+    apart()
+    widest_vectors()
+    lane = lane_of(problem, w, l)
+    beyond = rates_beyond(lane)
+    ends = ends_of(lane)
+    constants = lane.constants
+    pieces = pieces_of(lane)
+    ratio_seen = lift_seen = NOTHING_SEEN
+    looks = int(pieces) + 1
+    for first in range(0, looks, GROUP):
+        # Several looks side by side, in the columns of the first lanes.
+        for k in range(GROUP):
+            y = between(ends, beyond, (first + k) / pieces)
+            normal, tangential = problem.model.contact(y, constants)
+            place = lane_of(problem, w, k)
+            place.seen_first = tangential - ratio_most * abs(normal)
+            place.seen_second = -normal - lift_most
+        for k in range(min(GROUP, looks - first)):
+            place = lane_of(problem, w, k)
+            number = float(first + k)
+            ratio_seen = seen_next(ratio_seen, number, place.seen_first)
+            lift_seen = seen_next(lift_seen, number, place.seen_second)
+    ratio = peak_seen(lane, beyond, RATIO, ratio_most, ratio_seen)
+    return ratio, peak_seen(lane, beyond, LIFT, lift_most, lift_seen)
+
+
+@njit(**INNER)
+def peak_seen(lane, beyond, kind, most, seen):
+    """Return the highest peak of a function that was followed, if it may exceed 0."""
+    pieces = pieces_of(lane)
+    best, top, at_left, at_right, low, _ = seen
     best = min(max(best, 0.5), pieces - 0.5)
     if best % 1.0 == 0.5:
         # The highest is an end of the step: the peak may be next to it.

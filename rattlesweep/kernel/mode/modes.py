@@ -385,7 +385,6 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
             free=pivots.free,
             slow=pivots.slow,
             launch=pivots.launching(combined.launch),
-            advance=in_turn([combined.advance, pivots.advance]),
             store=in_turn([combined.store, pivots.store]),
             observe=pivots.observing(combined.observe),
         )

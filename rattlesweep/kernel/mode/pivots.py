@@ -38,12 +38,13 @@ from rattlesweep.kernel.look.inside import (
     SPACING,
     along_flow,
     at_zero,
+    between,
     both_of,
+    ends_of,
     falls,
     may_dip,
     middle,
     rates_beyond,
-    state_at,
 )
 from rattlesweep.kernel.state.fields import (
     DIFFERENCE,
@@ -74,12 +75,16 @@ class RestFields:
     t_hold: Number  # begin of the last rest
     rate_held: Number  # `rate_max` at the begin of it
     left_zero: Number  # `steps` when the spin last left zero, -1 for never
-    # What the torque that holds the spin lacks of its limits, one on either side: at
-    # the start of the step, and at its end.  These are smooth.
-    below0: Number
-    above0: Number
-    below1: Number
-    above1: Number
+
+
+class HoldFields:
+    """What the torque that holds a spin lacks of its limits, at either end of a step.
+
+    Both are smooth; their minimum has a kink.
+    """
+
+    below: Number
+    above: Number
 
 
 @dataclass(frozen=True)
@@ -155,8 +160,14 @@ def lever_of(lane):
 @scalar
 def margins(lane, y):
     """Return what the torque that holds the spin lacks of its two limits."""
-    torque, held, _ = lane.problem.model.pivot(y, lane.constants)
-    most = lever_of(lane) * (held + PASSED)
+    return margins_of(lane.problem.model, y, lane.constants)
+
+
+@scalar
+def margins_of(model, y, constants):
+    """Return what :func:`margins` does, for a body whose constants have been read."""
+    torque, held, _ = model.pivot(y, constants)
+    most = constants[-2] * (held + PASSED)
     return most + torque, most - torque
 
 
@@ -213,8 +224,8 @@ def hold_spin(lane, y, t):
     """Note that the spin is held from the state ``y`` and the time ``t`` on."""
     lane.below1, lane.above1 = margins(lane, y)
     # A launch has no step before it.
-    lane.below0 = lane.below1
-    lane.above0 = lane.above1
+    lane.below = lane.below1
+    lane.above = lane.above1
     lane.t_hold = t
     lane.rate_held = lane.rate_max
     if lane.t_held < 0.0:
@@ -392,8 +403,8 @@ def observe_held(problem, w, used):
             half_below, half_above = margins(lane, middle(lane))
             end_below, end_above = margins(lane, lane.y1)
             angle = lane.h * lane.swing
-            dips = may_dip(lane.below0, half_below, end_below, angle)
-            dips |= may_dip(lane.above0, half_above, end_above, angle)
+            dips = may_dip(lane.below, half_below, end_below, angle)
+            dips |= may_dip(lane.above, half_above, end_above, angle)
             is_glanced = (lane.mode == HELD) & (angle <= GLANCED)
             due = 1.0 if is_glanced & dips else 0.0
             leaves = lane.leaves
@@ -405,26 +416,39 @@ def observe_held(problem, w, used):
     for l in range(used):
         lane = lane_of(problem, w, l)
         is_long = lane.mode == HELD and lane.h * lane.swing > GLANCED
-        if is_long and may_fall_within(lane):
+        if is_long and may_fall_within(problem, w, l):
             lane.leaves = 1.0
             lane.watched += 1.0
 
 
 @njit(fastmath=FASTMATH, **KEPT_APART)
-def may_fall_within(lane):
-    """Return whether the plane may let the spin go within a long step.
+def may_fall_within(problem, w, l):
+    """Return whether the plane may let the spin go within a long step of lane ``l``.
 
     What the torque lacks of its limits is followed as `inside.follow` does with forces;
     between two looks it falls by less than an eighth of its largest second difference.
     """
     apart()
+    widest_vectors()
+    lane = lane_of(problem, w, l)
     beyond = rates_beyond(lane)
+    ends = ends_of(lane)
+    constants = lane.constants
     pieces = min(MOST_PIECES, ceil(lane.h * lane.swing / SPACING))
+    looks = int(pieces) + 1
     seen_below = seen_above = NEVER, -NEVER, 0.0, 0.0, 0.0
-    for k in range(int(pieces) + 1):
-        below, above = margins(lane, state_at(lane, beyond, k / pieces))
-        seen_below = followed(seen_below, below, k)
-        seen_above = followed(seen_above, above, k)
+    for first in range(0, looks, GROUP):
+        # Several looks side by side, in the columns of the first lanes.
+        for k in range(GROUP):
+            y = between(ends, beyond, (first + k) / pieces)
+            below, above = margins_of(problem.model, y, constants)
+            place = lane_of(problem, w, k)
+            place.seen_first = below
+            place.seen_second = above
+        for k in range(min(GROUP, looks - first)):
+            place = lane_of(problem, w, k)
+            seen_below = followed(seen_below, place.seen_first, first + k)
+            seen_above = followed(seen_above, place.seen_second, first + k)
     share = min(1.0, FOLLOWED + INTERPOLATED * (lane.h * lane.swing) ** 6)
     least = NEVER
     for low, top, bend, _, _ in (seen_below, seen_above):
@@ -457,29 +481,13 @@ def may_give_way(lane):
     first_below, first_above = margins(lane, moved(lane.y, lane.f, ahead))
     last_below, last_above = margins(lane, moved(lane.y1, lane.f1, ahead))
     half_below, half_above = margins(lane, middle(lane))
-    start = Point(0.0, lane.below0, (first_below - lane.below0) / ahead)
+    start = Point(0.0, lane.below, (first_below - lane.below) / ahead)
     end = Point(lane.h, lane.below1, (last_below - lane.below1) / ahead)
     if falls(start, half_below, end, angle):
         return True
-    start = Point(0.0, lane.above0, (first_above - lane.above0) / ahead)
+    start = Point(0.0, lane.above, (first_above - lane.above) / ahead)
     end = Point(lane.h, lane.above1, (last_above - lane.above1) / ahead)
     return falls(start, half_above, end, angle)
-
-
-@njit(**INNER)
-def advance(problem, w):
-    """Let what the torque lacks at the end of a step be that at the next start."""
-    if not any_held(problem, w):
-        return
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        moves = lane.accept > 0.0
-        below0 = lane.below0
-        above0 = lane.above0
-        below1 = lane.below1
-        above1 = lane.above1
-        lane.below0 = below1 if moves else below0
-        lane.above0 = above1 if moves else above0
 
 
 @njit(**INNER)

@@ -113,6 +113,15 @@ class TurnFields:
     next: Number  # time at which a comparison or the end of a window is due
 
 
+# What every lane knows of the end of a step and of its peaks, beside what the model has
+# there.
+END_OF_STEP = (
+    *("h", "error", "root", "n1", "rate1", "amplitude", "volume_rate1"),
+    *("margin1", "ratio1", "lift1"),
+    *("ratio_peak", "lift_peak", "turn_peak", "mark_peak", "marks_due"),
+)
+
+
 class MotionFields:
     """The state at either end of the step."""
 
@@ -132,9 +141,10 @@ class Layout:
 
     First come the fields that every lane has, whatever its model.  The fields of a
     model begin with the row ``first``: those at the start of a step, the same at its
-    end, with a 1 at the end of their names, and others.  ``results`` is the first row
-    of what its modes add to the results of a run, and ``stages`` that of the stages.
-    ``fields`` has the first row and the Numba type by name.
+    end, with a 1 at the end of their names, and others.  ``kept`` is the first row of
+    an end of a step that is kept (`runs.keep_end`), ``results`` that of what its modes
+    add to the results of a run, and ``stages`` that of the stages.  ``fields`` has the
+    first row and the Numba type by name.
 
     Parameters
     ----------
@@ -157,9 +167,11 @@ class Layout:
         self.counts = counts or {}
         self.first = self._add(0, shared)
         self.second = self._add(self.first, ends)
-        row = self._add(self._add(self.second, ends, "1"), others)
-        self.results = row
-        self.stages = self._add(row, results)
+        self.kept = self._add(self._add(self.second, ends, "1"), others)
+        self.rows_of_end = self._rows_of(END_OF_STEP)
+        kept_rows = len(self.rows_of_end) + self.second - self.first
+        self.results = self.kept + kept_rows
+        self.stages = self._add(self.results, results)
 
     if TYPE_CHECKING:
 
@@ -175,6 +187,15 @@ class Layout:
                 is_number = type_of_field is types.float64
                 row += 1 if is_number else len(type_of_field)
         return row
+
+    def _rows_of(self, names: Sequence[str]) -> tuple[int, ...]:
+        """Return the rows of fields."""
+        rows: list[int] = []
+        for name in names:
+            first, kind = self.fields[name]
+            count = 1 if kind is types.float64 else len(kind)
+            rows += range(first, first + count)
+        return tuple(rows)
 
     def _type_of(self, kind: object) -> types.Type:
         """Return the Numba type of a kind of field."""

@@ -188,6 +188,7 @@ class Problem:
         self.lanes = lanes
         self.layout = layout
         self.first = layout.first  # first row of the fields that depend on the model
+        self.rows_of_end = layout.rows_of_end
         self.known[self.name] = self
 
 

@@ -23,6 +23,7 @@ class Traits(NamedTuple):
     n_end: int  # of the state, its derivative, tangents and theirs, and the slip
     n_probe: int
     n_constants: int  # with the coefficient of friction
+    kept: int  # first row of the end of a step that is kept
     results: int  # first row of what modes add to the results of a run, the last rows
     limited: bool  # the motion has a limit, at which a run may end
     lifts: bool  # the body may leave the plane, and gains energy from it
@@ -43,6 +44,7 @@ def traits_of(problem: Problem, model: Model, *, adaptive: bool) -> Traits:
         n_probe=model.n_probe,
         n_constants=len(model.of_runs),
         results=at.results,
+        kept=at.kept,
         limited=problem.limited,
         lifts=bool(model.lifts),
         slides=problem.slides,

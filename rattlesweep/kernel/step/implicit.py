@@ -139,14 +139,6 @@ class _Attempt:
         n = self.n
         places = self.n_place
         for i in range(STAGES):
-            read = self.gather([self.at_stage(self.states, i, n)])
-            write = self.scatter([self.at_stage(self.moving, i, places)])
-            self.loop(
-                f"q = {read}(w, l)",
-                f"{write}(w, l, problem.model.moving(q[:{n}], q[{n}:]))",
-                indent=indent,
-            )
-        for i in range(STAGES):
             values = [
                 self.summed(c, i, self.moving, places) for c in range(self.n_place)
             ]
@@ -170,50 +162,64 @@ class _Attempt:
             )
 
     def settle(self, indent: int) -> None:
-        """Write the velocities at all stages, and what follows from rates alone."""
+        """Write the velocities at all stages, and what follows from rates alone.
+
+        One loop solves for the slips.  For each stage another one then finds all that
+        follows, and the rates of the position, which in a loop of their own LLVM would
+        not vectorise.  In between, the slips lie in the rows of these rates.
+        """
         n = self.n
         omega = range(self.n_place, self.n_place + 3)
         slip = range(self.slip, self.slip + 2)
         others = [c for c in range(self.n_place + 3, n) if c not in slip]
-        values = [span(self.stiffness, N_STIFFNESS), f"[{self.at.h}]"]
+        directions = span(self.stiffness + 2, 2)
+        values = [span(self.stiffness, 4), f"[{self.at.h}]"]
         for i in range(STAGES):
-            values.append(span(self.states + i * n + self.slip, 2))
-            values += [
-                self.summed(c, i, self.rates, n) for c in (*slip, *omega, *others)
-            ]
+            values += self.slips(i)
         read = self.gather(values, constants=False)
-        size = 2 + 2 + 3 + len(others)
-        body = [
-            f"q = {read}(w, l)",
-            "k1, k2, c, s, a0, a1, a2, b0, b1, b2, h = q[:11]",
-        ]
+        body = [f"q = {read}(w, l)", "k1, k2, c, s, h = q[:5]"]
         for i in range(STAGES):
-            first = 11 + i * size
-            # What the slip lacks, along the two directions.
-            body += [
-                f"x = q[{first + 2}] - q[{first}]",
-                f"y = q[{first + 3}] - q[{first + 1}]",
-                f"r1{i} = c * x + s * y",
-                f"r2{i} = c * y - s * x",
-            ]
+            first = 5 + 4 * i
+            body += [f"a = q[{first}:{first + 4}]", *lacking(i)]
         body += self.solved("1") + self.solved("2")
-        results = []
-        rows = []
+        found = ", ".join(f"d1{i}, d2{i}" for i in range(STAGES))
+        places = self.n_place
+        slips = [self.moving + i * places + j for i in range(STAGES) for j in range(2)]
+        write = self.scatter([str(slips)])
+        self.loop(*body, f"{write}(w, l, ({found}))", indent=indent)
         for i in range(STAGES):
-            first = 11 + i * size
-            body += [f"g1 = r1{i} - d1{i}", f"g2 = r2{i} - d2{i}"]
-            for j in range(3):
-                turned = f"q[{first + 4 + j}] + (a{j} * g1 + b{j} * g2)"
-                body.append(f"o{i}{j} = {turned}")
-            body += [
-                f"v{i}0 = q[{first}] + (c * d1{i} - s * d2{i})",
-                f"v{i}1 = q[{first + 1}] + (s * d1{i} + c * d2{i})",
+            values = [directions, span(self.stiffness + 4, 6), *self.slips(i)]
+            values.append(span(self.moving + i * places, 2))
+            values += [self.summed(c, i, self.rates, n) for c in (*omega, *others)]
+            values.append(span(self.states + i * n, places))
+            read = self.gather(values)
+            last = 17 + len(others)
+            body = [
+                f"q = {read}(w, l)",
+                "c, s, a0, a1, a2, b0, b1, b2 = q[:8]",
+                "a = q[8:12]",
+                *lacking(i),
+                "d1, d2 = q[12:14]",
+                f"g1, g2 = r1{i} - d1, r2{i} - d2",
             ]
-            results += [f"o{i}{j}" for j in range(3)] + [f"v{i}0", f"v{i}1"]
-            results += [f"q[{first + 7 + j}]" for j in range(len(others))]
-            rows += [self.states + i * n + c for c in (*omega, *slip, *others)]
-        write = self.scatter([str(rows)])
-        self.loop(*body, f"{write}(w, l, ({', '.join(results)}))", indent=indent)
+            body += [f"o{j} = q[{14 + j}] + (a{j} * g1 + b{j} * g2)" for j in range(3)]
+            body += ["v1 = a[0] + (c * d1 - s * d2)", "v2 = a[1] + (s * d1 + c * d2)"]
+            results = {c: f"o{j}" for j, c in enumerate(omega)}
+            results |= {c: f"v{1 + j}" for j, c in enumerate(slip)}
+            results |= {c: f"q[{17 + j}]" for j, c in enumerate(others)}
+            places_at = {c: f"q[{last + c}]" for c in range(places)}
+            state = ", ".join((places_at | results)[c] for c in range(n))
+            body.append(f"place = problem.model.moving(({state}), q[{last + places}:])")
+            rows = [self.states + i * n + c for c in results]
+            write = self.scatter([str(rows), self.at_stage(self.moving, i, places)])
+            changed = ", ".join(results.values())
+            self.loop(*body, f"{write}(w, l, ({changed}) + place)", indent=indent)
+
+    def slips(self, stage: int) -> list[str]:
+        """Return the source of the slip at a stage, and of the one that rates make."""
+        first = self.states + stage * self.n + self.slip
+        sums = [self.summed(self.slip + j, stage, self.rates, self.n) for j in range(2)]
+        return [span(first, 2), *sums]
 
     def solved(self, name: str) -> list[str]:
         """Return lines that solve ``(1 + h k A) d = r`` with the method's matrix A."""
@@ -289,6 +295,16 @@ class _Attempt:
         """Write a loop over lanes."""
         lines = loop_over_lanes(self.lanes, body)
         self.lines += [" " * indent + line for line in lines]
+
+
+def lacking(stage: int) -> list[str]:
+    """Return lines for what the slip ``a[:2]`` lacks, along the two directions."""
+    return [
+        "x = a[2] - a[0]",
+        "y = a[3] - a[1]",
+        f"r1{stage} = c * x + s * y",
+        f"r2{stage} = c * y - s * x",
+    ]
 
 
 def write_implicit(problem: Problem) -> Callable[..., None]:
