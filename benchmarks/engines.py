@@ -41,6 +41,8 @@ LADDER = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.00125, 0.000625)
 GRIPS = (0.04, 0.02, 0.01, 0.005)  # sqrt(a/g)
 GRIP = 1.8
 STEPS = (0.01, 0.005, 0.0025, 0.00125)  # of all engines, sqrt(a/g)
+# Adapters that are here, since they have balls alone, and what pip installs for them.
+BALLS_ALONE = {"jolt": "culverin", "drake_patch": "drake"}
 
 
 @dataclass(frozen=True)
@@ -165,16 +167,38 @@ def mujoco_settings(ladder: Sequence[float]) -> Settings:
         )
 
 
-def ladder(case: dict, engine: str, steps: Sequence[float]) -> None:
-    """Print what an engine finds with each of the steps, in sqrt(a/g)."""
+def ladder(
+    case: dict, engine: str, steps: Sequence[float], at_most: float, pace: float
+) -> float:
+    """Print what an engine finds with each of the steps, in sqrt(a/g).
+
+    A run that is expected to take more than `at_most` seconds of the processor is left
+    out. `pace` is the time of one step in seconds, or 0; that of the last run is
+    returned.
+    """
     if case["plane"]["losses"] and not ENGINES[engine].pivots:
         print(f"{engine} | {case['name']} | no pivoting friction here")
-        return
+        return pace
     numbers = numbers_of(EngineCase.model_validate(case))
     adapter = adapter_of(engine)
+    # The first steps of a case compile.
+    scene = adapter.build(numbers, steps[0] * time_unit(case))
+    for _ in range(3):
+        adapter.advance(scene)
     errors: list[float] = []
     for step in steps:
+        count = numbers["first_reversal"] / (step * time_unit(case))
+        if pace * count > at_most:
+            print(
+                f"{engine} | {case['name']} | {step:g} | left out: it would take "
+                f"{pace * count:.0f} s of the processor, or more",
+                flush=True,
+            )
+            break
         seen = frame.run(adapter, numbers, step * time_unit(case))
+        if math.isnan(seen["reversal, s"]):
+            count *= frame.LATEST
+        pace = seen["CPU, s"] / count
         errors.append(seen["error, %"])
         order = ""
         if len(errors) > 1 and errors[-1] and errors[-2] / errors[-1] > 0:
@@ -186,11 +210,12 @@ def ladder(case: dict, engine: str, steps: Sequence[float]) -> None:
             f"{seen['gap, um']:.4g} to {seen['to']:.4g} | {seen['CPU, s']:.2f}",
             flush=True,
         )
+    return pace
 
 
 def adapter_of(engine: str) -> Any:
-    """Return an engine's adapter; that of Jolt, which has balls alone, is here."""
-    return import_module("jolt" if engine == "jolt" else f"{HERE}.{engine}")
+    """Return an engine's adapter."""
+    return import_module(engine if engine in BALLS_ALONE else f"{HERE}.{engine}")
 
 
 def is_installed(name: str) -> bool:
@@ -198,14 +223,16 @@ def is_installed(name: str) -> bool:
     try:
         adapter = adapter_of(name)
     except ImportError:
-        installs = "culverin" if name == "jolt" else ENGINES[name].installs
+        installs = BALLS_ALONE.get(name) or ENGINES[name].installs
         print(f"{name} | not installed: pip install {installs}")
         return False
     print(*(f"{each} {version(each)}" for each in adapter.PACKAGES), sep=", ")
     return True
 
 
-def climb(names: Sequence[str], cases: Sequence[dict], steps: Sequence[float]) -> None:
+def climb(
+    names: Sequence[str], cases: Sequence[dict], steps: Sequence[float], at_most: float
+) -> None:
     """Print the ladders of engines; those that are not installed are named."""
     print(
         "engine | case | step, sqrt(a/g) | error, % | order | energy left | "
@@ -214,8 +241,9 @@ def climb(names: Sequence[str], cases: Sequence[dict], steps: Sequence[float]) -
     for name in names:
         if not is_installed(name):
             continue
+        pace = 0.0
         for case in cases:
-            ladder(case, name, steps)
+            pace = ladder(case, name, steps, at_most, pace)
 
 
 def independent(case: dict) -> float:
@@ -275,6 +303,12 @@ def main() -> None:
         type=float,
         help="time steps, or time constants of MuJoCo, in sqrt(a/g)",
     )
+    parser.add_argument(
+        "--at-most",
+        type=float,
+        default=math.inf,
+        help="leave out runs of more seconds of the processor",
+    )
     parser.add_argument("--check", action="store_true", help="our own times instead")
     options = parser.parse_args()
     names = options.cases or [path.stem for path in sorted(FOLDER.glob("*.xml"))]
@@ -293,7 +327,8 @@ def main() -> None:
             )
         return
     if options.all or options.engine:
-        climb(options.engine or list(ENGINES), cases, options.ladder or STEPS)
+        steps = options.ladder or STEPS
+        climb(options.engine or list(ENGINES), cases, steps, options.at_most)
         return
     print("mujoco", version("mujoco"))
     print("case | settings | first reversal, s | error | seconds | energy left")

@@ -24,7 +24,7 @@ import warp as wp
 RADIUS, SPEED = 0.1, 2.0
 INERTIA = wp.mat33(*(0.4 * RADIUS**2 * np.eye(3)).ravel())
 LAUNCH = np.array([[SPEED, 0, 0, 0, SPEED / RADIUS, 0]], np.float32)
-wp.config.quiet = True
+wp.config.log_level = wp.LOG_ERROR
 
 def rolled(shape, step):
     """Return the speed over that at launch, and the mean depth over the radius."""

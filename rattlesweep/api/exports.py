@@ -10,7 +10,7 @@ from rattlesweep.api.single import INTEGRATOR, NumberOrText, prepare_launch
 from rattlesweep.physics import si
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.words.defaults import CASE_NAME, EXPORT_FORMAT
-from rattlesweep.words.engines import ENGINE_NAMES, UNTRIED
+from rattlesweep.words.engines import ENGINES
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.names import EXPORT_FORMATS
 
@@ -47,7 +47,7 @@ def export(
     engine : str, optional
         Instead of a format, the engine of a Python file that repeats the run there and
         prints its first reversal: one of ``mujoco``, ``mjx``, ``newton``, ``drake``,
-        ``dart``, ``motrix``, ``bullet``, ``rapier`` and ``exudyn``.
+        ``dart``, ``genesis``, ``motrix``, ``bullet``, ``rapier`` and ``exudyn``.
     portable : bool
         Keep a model to what most readers of MJCF know.
     length : float or str, optional
@@ -99,11 +99,8 @@ def export_run(
 
     if format not in EXPORT_FORMATS:
         raise ConfigError(f"format: {not_one_of(format, EXPORT_FORMATS)}")
-    if engine is not None:
-        if engine not in ENGINE_NAMES:
-            raise ConfigError(f"engine: {not_one_of(engine, ENGINE_NAMES)}")
-        if engine in UNTRIED:
-            raise ConfigError(f"engine: {UNTRIED[engine]}")
+    if engine is not None and engine not in ENGINES:
+        raise ConfigError(f"engine: {not_one_of(engine, ENGINES)}")
     if portable and (engine is not None or format != "mjcf"):
         raise ConfigError("portable: only a model (mjcf) can be; leave portable out")
     if path is not None:

@@ -27,7 +27,7 @@ from rattlesweep.words.defaults import (
     MESH_UNIT,
     ROWS_A_PERIOD,
 )
-from rattlesweep.words.engines import ENGINE_NAMES
+from rattlesweep.words.engines import ENGINES
 from rattlesweep.words.errors import (
     ConfigError,
     OutputError,
@@ -398,7 +398,7 @@ ACCURACY_CHOICE = Choice(ACCURACY_NAMES)
 PLOTS = Choice(PLOT_NAMES)
 DOCUMENT_CHOICE = Choice(DOCUMENT_NAMES)
 FORMAT_CHOICE = Choice(EXPORT_FORMATS)
-ENGINE_CHOICE = Choice(ENGINE_NAMES)
+ENGINE_CHOICE = Choice(tuple(ENGINES))
 LIST_OF_METHODS = Choice(list(METHODS))
 
 # Groups of options.

@@ -11,6 +11,11 @@ OWN_CONTACT = (
     "The engine has no contact of an ellipsoid with a plane: the file adds a stiff one."
 )
 
+COMPILES = (
+    "Genesis needs PyTorch. Its first run compiles kernels, which took 90 s of the "
+    "processor here; they are kept for later runs."
+)
+
 
 @dataclass(frozen=True)
 class PhysicsEngine:
@@ -32,6 +37,9 @@ ENGINES: Mapping[str, PhysicsEngine] = {
     "newton": PhysicsEngine("Newton", "newton", 0.01, pivots=True),
     "drake": PhysicsEngine("Drake", "drake", 0.01),
     "dart": PhysicsEngine("DART", "dartpy", 0.01),
+    "genesis": PhysicsEngine(
+        "Genesis", "genesis-world", 0.01, reads_mjcf=True, pivots=True, remark=COMPILES
+    ),
     "motrix": PhysicsEngine("MotrixSim", "motrixsim", 0.01, reads_mjcf=True),
     "bullet": PhysicsEngine("Bullet", "pybullet", 0.005, pivots=True, remark=FACETS),
     "rapier": PhysicsEngine("Rapier", "rapier3d", 0.01, remark=FACETS),
@@ -39,10 +47,3 @@ ENGINES: Mapping[str, PhysicsEngine] = {
 }
 """The engines by name; the adapter of each is the module of its name in
 `analysis.engines.adapters`."""
-
-UNTRIED: Mapping[str, str] = {
-    "genesis": "no run of Genesis 1.4.5 has ended here, so there is no file for it; "
-    "take the model of --portable, or --engine mujoco",
-}
-"""Engines without a file, and why."""
-ENGINE_NAMES = *ENGINES, *UNTRIED

@@ -11,7 +11,7 @@ PACKAGES = ("newton", "warp-lang")
 
 def build(case, step):
     """Return the model, the solver and two states, which take turns."""
-    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_ERROR
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, -case["gravity"]))
     rubs = builder.ShapeConfig(
         density=0.0, mu=case["friction"], mu_torsional=case["lever"], mu_rolling=0.0
