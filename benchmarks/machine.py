@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rattlesweep.kernel.outcome import Batch
-    from rattlesweep.rows.launches import Launches
+    from rattlesweep.rows.prepared import PreparedRuns
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGS = ROOT / "configs"
@@ -76,7 +76,7 @@ def plan_of(config: str, *settings: str) -> Plan:
     return make_plan(load_config(CONFIGS / config, list(settings)))
 
 
-def all_runs(plan: Plan) -> tuple[Launches, Batch]:
+def all_runs(plan: Plan) -> tuple[PreparedRuns, Batch]:
     """Return all runs of a plan, ready to be integrated."""
     keys = np.divmod(np.arange(plan.runs), plan.samples)
     launches, batch = prepare_runs(plan, *keys)

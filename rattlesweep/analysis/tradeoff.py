@@ -31,7 +31,7 @@ from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.kernel.task import Control, Task, side_by_side
 from rattlesweep.kernel.threads import available_threads
 from rattlesweep.rows.columns import runs_schema
-from rattlesweep.rows.launches import Launches
+from rattlesweep.rows.prepared import PreparedRuns
 from rattlesweep.store.provenance import machine
 from rattlesweep.system.files import probe_directory
 from rattlesweep.words.errors import ConfigError
@@ -105,7 +105,7 @@ FULL_SETTINGS = [
 
 def draw_runs(
     config: Config, base: Path | None, samples: int | None, least: int
-) -> tuple[Config, Launches]:
+) -> tuple[Config, PreparedRuns]:
     """Draw `samples` runs of each case that have an end, or at least `least` in all."""
     data = resolved(config) | {"record": [], "model": "full"}
     config = parse_config(data, ["integrator={method: dop853}"])
@@ -124,7 +124,7 @@ def draw_runs(
 def _solve(
     config: Config,
     setting: MethodSetting,
-    runs: Launches,
+    runs: PreparedRuns,
     threads: int = 1,
     horizon: float = math.inf,
 ) -> pd.DataFrame:
@@ -231,7 +231,7 @@ def measure(
 
 
 def _units(
-    config: Config, runs: Launches, setting: MethodSetting, _: Control | None = None
+    config: Config, runs: PreparedRuns, setting: MethodSetting, _: Control | None = None
 ) -> float:
     """Integrate runs on one thread, and return the sum of their durations."""
     horizon = _HORIZON
@@ -242,7 +242,9 @@ def _units(
     return float(results["t_end"].clip(upper=_HORIZON).sum())
 
 
-def make_reference(config: Config, runs: Launches, threads: int = 1) -> pd.DataFrame:
+def make_reference(
+    config: Config, runs: PreparedRuns, threads: int = 1
+) -> pd.DataFrame:
     """Return the columns of a reference, and where both or neither of two reverse."""
     first, second = (_solve(config, setting, runs, threads) for setting in REFERENCES)
     apart = (first["t_r"] / second["t_r"] - 1).abs()

@@ -13,7 +13,7 @@ from rattlesweep.motion.model import find_model, reduced_model
 from rattlesweep.physics import full, reduced, theory
 from rattlesweep.physics.friction import losses
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
-from rattlesweep.rows.launches import Launches
+from rattlesweep.rows.prepared import PreparedRuns
 from rattlesweep.words.quantities import ACTING, LOSSES
 
 # Periods of the slower mode that a window has at least; see docs/types.md.
@@ -32,7 +32,7 @@ LEAST_DECAY = 0.01
 MOST_APART = 0.02
 
 
-def make_batch(launches: Launches, model: str) -> Batch | None:
+def make_batch(launches: PreparedRuns, model: str) -> Batch | None:
     """Return the batch of a model; None for gh, a closed formula."""
     if model == "gh":
         return None
@@ -41,7 +41,7 @@ def make_batch(launches: Launches, model: str) -> Batch | None:
     return full_batch(launches)
 
 
-def ending_early(batch: Batch, launches: Launches) -> Batch:
+def ending_early(batch: Batch, launches: PreparedRuns) -> Batch:
     """Return a full batch whose runs end once they are certain to be of type SS."""
     n_0 = np.copysign(launches.n_0, launches.n_i)
     decay_rate = LEAST_DECAY / launches.horizon
@@ -51,7 +51,7 @@ def ending_early(batch: Batch, launches: Launches) -> Batch:
     return replace(batch, settled=np.where(is_near, settled, 0.0))
 
 
-def full_batch(launches: Launches) -> Batch:
+def full_batch(launches: PreparedRuns) -> Batch:
     """Return the batch of the full dynamics."""
     bodies = launches.bodies
     y0 = theory.full_state(launches.n_i, launches.omega_xy0, launches.psi)
@@ -103,7 +103,7 @@ def full_batch(launches: Launches) -> Batch:
     )
 
 
-def reduced_batch(launches: Launches) -> Batch:
+def reduced_batch(launches: PreparedRuns) -> Batch:
     """Return the batch of the reduced dynamics, with ``I_eff = I_zz`` as in Eq. 72.
 
     Its model is :func:`reduced_model` of the launches' losses.
@@ -149,7 +149,7 @@ def reduced_batch(launches: Launches) -> Batch:
     )
 
 
-def _reduced_constants(launches: Launches) -> dict[str, Any]:
+def _reduced_constants(launches: PreparedRuns) -> dict[str, Any]:
     """Return the constants of the reduced model by name, zero for absent losses."""
     bodies = launches.bodies
     modes = launches.modes

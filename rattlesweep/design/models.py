@@ -7,7 +7,7 @@ from rattlesweep.config.schema import Config
 from rattlesweep.motion.model import Model, find_model, reduced_model
 from rattlesweep.physics import full, surface
 from rattlesweep.physics.surface import Surface
-from rattlesweep.rows.launches import Bodies
+from rattlesweep.rows.prepared import Bodies
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.quantities import CONSTANT_OF_SURFACE
 

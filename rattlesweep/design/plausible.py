@@ -17,7 +17,7 @@ from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.physics import si, theory
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.si import check_spins
-from rattlesweep.rows.launches import Bodies, Launches
+from rattlesweep.rows.prepared import Bodies, PreparedRuns
 from rattlesweep.statistics.tails import LEAST_INDEX, tail_index
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.quantities import CONSTANT_OF_SURFACE
@@ -49,7 +49,7 @@ def check_physics(plan: Plan) -> list[str]:
         return [config.located(warning) for warning in warnings]
 
 
-def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
+def _doubts(config: Config, launches: PreparedRuns, which: str) -> Iterator[str]:
     """Yield warnings about horizons; raise a ConfigError if no run has one."""
     horizon = config.horizon
     t_rgh = launches.gh.t_rgh
@@ -83,7 +83,7 @@ def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
         )
 
 
-def _doubts_of_means(config: Config, launches: Launches) -> Iterator[str]:
+def _doubts_of_means(config: Config, launches: PreparedRuns) -> Iterator[str]:
     """Yield a warning if reversal times of theory have no mean, and a mean is asked."""
     if config.stop is None or config.stop.t_r is None:
         return
@@ -97,7 +97,7 @@ def _doubts_of_means(config: Config, launches: Launches) -> Iterator[str]:
         )
 
 
-def _near_taps(config: Config, launches: Launches) -> Iterator[str]:
+def _near_taps(config: Config, launches: PreparedRuns) -> Iterator[str]:
     """Yield a question about spins that seem to be rounding errors of zero."""
     key = "spin.n_i"
     if launches.bodies.n_i is not None:
@@ -109,7 +109,7 @@ def _near_taps(config: Config, launches: Launches) -> Iterator[str]:
             yield f"{key}: {question}"
 
 
-def _doubts_of_sizes(launches: Launches) -> Iterator[str]:
+def _doubts_of_sizes(launches: PreparedRuns) -> Iterator[str]:
     """Yield warnings about bodies with a size; raise for spins that no hand gives."""
     bodies = launches.bodies
     if bodies.units is None:

@@ -10,11 +10,11 @@ from rattlesweep.design.models import constants_of, full_model_of, surface_const
 from rattlesweep.design.plan import Plan
 from rattlesweep.physics import full, surface, theory
 from rattlesweep.physics.surface import Surface
-from rattlesweep.rows.launches import Bodies, Launches
+from rattlesweep.rows.prepared import Bodies, PreparedRuns
 from rattlesweep.words.quantities import INITIAL_RATES
 
 
-def prepare_launches(plan: Plan, case: Integers, sample: Integers) -> Launches:
+def prepare_launches(plan: Plan, case: Integers, sample: Integers) -> PreparedRuns:
     """Return the launches of runs with some keys, in any order."""
     config = plan.config
     bodies = plan.source.bodies(plan.targets[case], sample)
@@ -51,7 +51,7 @@ def prepare_launches(plan: Plan, case: Integers, sample: Integers) -> Launches:
         dead = np.full(len(sample), config.classify.dead_energy)
         # A plane that shakes can wake a body that has hardly any energy left.
         dead[losses.get("base_acceleration", np.zeros(len(sample))) > 0] = 0.0
-    launches = Launches(
+    launches = PreparedRuns(
         case=case,
         sample=sample,
         bodies=bodies,

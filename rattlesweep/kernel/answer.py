@@ -22,7 +22,7 @@ from rattlesweep.physics.full import FASTMATH, scalar
 # What is asked for one lane.
 BEGIN, IDLE, DERIVE, MEASURE, SETTLE, LIMIT, END, CHANGE = range(8)
 # What is asked for all lanes.
-PLAN, OBSERVE, DECIDE, ADVANCE = range(4)
+SCHEDULE, OBSERVE, DECIDE, ADVANCE = range(4)
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -72,7 +72,7 @@ def jump(lane):
 
 @njit(**INNER)
 def begin_run(lane):
-    """Begin the run of which the loop has set the launch and the plan."""
+    """Begin the run of which the loop has set the launch and the settings."""
     model = lane.problem.model
     lane.problem.modes.prepare(lane)
     n, rate = derive(lane)
@@ -168,12 +168,12 @@ def answer_rates(problem, asked, w, l, status, move, goes_on, reversals_recorded
 def answer_for_all(problem, asked, w, given):
     """Do what is asked for all lanes.
 
-    PLAN returns whether lanes that roll try a step in this turn and whether some slide.
-    OBSERVE is given how many lanes are used. DECIDE is given which lanes are due, and
-    returns which are and 0.  Others return nothing of use.
+    SCHEDULE returns whether lanes that roll try a step in this turn and whether some
+    slide.  OBSERVE is given how many lanes are used.  DECIDE is given which lanes are
+    due, and returns which are and 0.  Others return nothing of use.
     """
-    if asked == PLAN:
-        rolls, some_slide = problem.modes.plan(problem, w)
+    if asked == SCHEDULE:
+        rolls, some_slide = problem.modes.schedule(problem, w)
         return 1 if rolls else 0, 1 if some_slide else 0
     if asked == OBSERVE:
         problem.modes.observe_limit(problem, w, given)

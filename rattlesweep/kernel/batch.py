@@ -371,36 +371,36 @@ def inputs_of(
     longest_step: Floats | float = np.inf,
 ) -> Inputs:
     """Return what a kernel reads of runs."""
-    plan = np.zeros(len(batch), runs.PLAN)
-    plan["horizon"] = batch.t_end
-    plan["swing"] = batch.swing
-    plan["window"] = batch.window
-    plan["rate"] = batch.rate
-    plan["cost"] = cost
-    plan["longest_step"] = longest_step
-    plan["comparison"] = batch.first_comparison
-    plan["far"] = PLATEAU_SHARE * batch.scale
-    plan["arm"] = batch.tapped
+    starts = np.zeros(len(batch), runs.START)
+    starts["horizon"] = batch.t_end
+    starts["swing"] = batch.swing
+    starts["window"] = batch.window
+    starts["rate"] = batch.rate
+    starts["cost"] = cost
+    starts["longest_step"] = longest_step
+    starts["comparison"] = batch.first_comparison
+    starts["far"] = PLATEAU_SHARE * batch.scale
+    starts["arm"] = batch.tapped
     if len(batch.settled):
-        plan["settled"] = batch.settled
+        starts["settled"] = batch.settled
     if len(batch.dead):
-        plan["dead"] = batch.dead
-    plan["rim"] = NO_RIM
+        starts["dead"] = batch.dead
+    starts["rim"] = NO_RIM
     if len(batch.rim):
-        plan["rim"] = np.nan_to_num(batch.rim, nan=NO_RIM)
+        starts["rim"] = np.nan_to_num(batch.rim, nan=NO_RIM)
     # The depth below which the method cannot tell the sign of an extremum, as a
     # fraction of the swing.
     if tableau.adaptive:
         angle = min(1.0, turn.FIRST_STEP_ANGLE * tol ** (1 / tableau.order))
-        plan["first_step"] = angle / batch.swing
-        plan["fuzz"] = 1e3 * tol
+        starts["first_step"] = angle / batch.swing
+        starts["fuzz"] = 1e3 * tol
     else:
-        plan["first_step"] = SUBSTEPS * dt
-        plan["fuzz"] = np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
+        starts["first_step"] = SUBSTEPS * dt
+        starts["fuzz"] = np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
     y0 = np.ascontiguousarray(batch.y0)
     constants = np.ascontiguousarray(batch.constants)
-    plans = plan.view(float).reshape(len(batch), plan.itemsize // 8)
-    return Inputs(y0, constants, np.ascontiguousarray(batch.probe), plans)
+    table = starts.view(float).reshape(len(batch), starts.itemsize // 8)
+    return Inputs(y0, constants, np.ascontiguousarray(batch.probe), table)
 
 
 def options_of(tableau: Tableau, tol: float, dt: float, max_steps: int) -> turn.Options:

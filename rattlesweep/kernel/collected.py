@@ -24,7 +24,7 @@ from rattlesweep.motion.model import Model
 # Fields of every lane, whatever its model.
 OF_EVERY_LANE = (
     # In the first rows, where `runs.start` copies it.
-    runs.PlanFields,
+    runs.StartFields,
     runs.RunFields,
     zeros.SearchFields,
     peaks.PeakFields,

@@ -28,7 +28,7 @@ from rattlesweep.kernel.state.traits import Traits, traits_of
 from rattlesweep.kernel.step import slots
 from rattlesweep.kernel.step.explicit import OPTIONS, write_attempt
 from rattlesweep.kernel.step.implicit import write_implicit
-from rattlesweep.kernel.step.radau import block_of
+from rattlesweep.kernel.step.radau import rack_of
 from rattlesweep.kernel.tangents import tangents_of
 from rattlesweep.kernel.threads import parallel
 from rattlesweep.motion.chart import SLOPES
@@ -55,8 +55,8 @@ def problem_of(
         return Problem(None, layout_of(None), width)
     ways = modes.modes_of(model, rimmed)
     carried = tangents_of(model)
-    block = block_of(model) if model.slide is not None else None
-    return Problem(model, layout_of(model), width, ways, carried, rimmed, block)
+    rack = rack_of(model) if model.slide is not None else None
+    return Problem(model, layout_of(model), width, ways, carried, rimmed, rack)
 
 
 def traits_for(tableau: Tableau, model: Model, *, rimmed: bool = False) -> Traits:
@@ -68,12 +68,12 @@ def traits_for(tableau: Tableau, model: Model, *, rimmed: bool = False) -> Trait
 def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
     """Return workspaces (threads, size): rows of zeros that share no cache line.
 
-    Where lanes slide, the rows of a block follow those of the lanes.
+    Where lanes slide, the rows of a rack follow those of the lanes.
     """
     problem = problem_of(model)
     rows = problem.layout.rows(tableau, model)
-    if problem.block is not None:
-        rows += -(-problem.block.rows * problem.block.width // LANES)
+    if problem.rack is not None:
+        rows += -(-problem.rack.rows * problem.rack.width // LANES)
     size = -(-rows * LANES // 16) * 16
     flat = np.zeros(threads * size + 8)
     shift = (-flat.ctypes.data // 8) % 8
@@ -150,7 +150,7 @@ def answer_recipe(model_name: str, rim: str = "") -> Kernel:
 def answer_for_all_recipe(model_name: str, rim: str = "") -> Kernel:
     """Return :func:`answer.answer_for_all` for a model."""
     problem = problem_of(find_model(model_name), rimmed=bool(rim))
-    return Kernel(answer.answer_for_all, (problem, answer.PLAN, FLAT, 0), INNER)
+    return Kernel(answer.answer_for_all, (problem, answer.SCHEDULE, FLAT, 0), INNER)
 
 
 def slide_recipe(model_name: str, rim: str = "") -> Kernel:

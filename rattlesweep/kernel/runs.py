@@ -22,7 +22,7 @@ from rattlesweep.kernel.state.fields import (
 )
 from rattlesweep.kernel.state.lane import lane_of, recorded
 from rattlesweep.kernel.state.statuses import AT_LIMIT, ENERGY_OFF, NONFINITE, OK, RIM
-from rattlesweep.kernel.state.ways import keeps_zero, steps_in_block
+from rattlesweep.kernel.state.ways import keeps_zero, steps_in_rack
 from rattlesweep.physics.full import TINY
 
 N_WINDOWS = 64  # windows that are stored
@@ -30,8 +30,8 @@ N_WINDOWS = 64  # windows that are stored
 NUMBER_OF: dict[Any, type] = {Floats: float, Integers: int, NDArray[np.int32]: np.int32}
 
 
-class PlanFields:
-    """What a run begins with; a row of the table of plans has these numbers."""
+class StartFields:
+    """What a run begins with; a row of the table of starts has these numbers."""
 
     horizon: Number
     swing: Number  # fastest angular frequency of the spin
@@ -51,7 +51,7 @@ class PlanFields:
     rim: Number  # height of the rim
 
 
-PLAN = np.dtype([(name, float) for name in get_type_hints(PlanFields)])
+START = np.dtype([(name, float) for name in get_type_hints(StartFields)])
 
 
 class RunFields:
@@ -156,7 +156,7 @@ class Inputs(NamedTuple):
     y0: Floats  # initial states
     constants: Floats
     probe: Floats
-    plan: Floats  # columns of PLAN
+    starts: Floats  # columns of START
 
 
 class Outputs(NamedTuple):
@@ -271,7 +271,7 @@ def advance_limit(problem, w):
         lane = lane_of(problem, w, l)
         start = lane.margin0
         end = lane.margin1
-        slides = steps_in_block(lane)
+        slides = steps_in_rack(lane)
         lane.margin0 = end if lane.accept > 0.0 else start
         others += 1 if slides else 0
     if others == 0:
@@ -405,11 +405,11 @@ def read_rows(problem, w, l, row, table, place, first, count):
 
 @njit(**INNER)
 def start(problem, traits, w, l, run, inputs):
-    """Set launch and plan of the next run in a lane, whose model then begins it."""
+    """Copy the next run to a lane, whose model then begins it."""
     lane = lane_of(problem, w, l)
     clear(problem, traits, w, l)
-    # The plan has the first rows.
-    fill_rows(problem, w, l, 0, inputs.plan, run, 0, inputs.plan.shape[1])
+    # The start has the first rows.
+    fill_rows(problem, w, l, 0, inputs.starts, run, 0, inputs.starts.shape[1])
     lane.run = run
     lane.root0 = 1.0
     row = problem.first

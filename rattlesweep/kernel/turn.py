@@ -62,7 +62,7 @@ from rattlesweep.kernel.state.statuses import (
 from rattlesweep.kernel.state.ways import (
     counts_zeros,
     keeps_zero,
-    steps_in_block,
+    steps_in_rack,
     turns_at_zero,
 )
 from rattlesweep.kernel.step import slots
@@ -355,14 +355,14 @@ def try_step(problem, traits, parts, w, options, recording, used):
     """Try a step on the first lanes, decide on it, and return which of them are due.
 
     The first ``used`` lanes are whole groups.  Lanes may wait for a turn that more
-    lanes share (`slots.plan_sliding`).
+    lanes share (`slots.schedule_slides`).
     """
     rolls = True
     some_slide = False
     if traits.slides:
-        planned = call_for_pair(parts[ANSWER_FOR_ALL], (answer.PLAN, w, 0))
-        rolls = planned[0] != 0
-        some_slide = planned[1] != 0
+        scheduled = call_for_pair(parts[ANSWER_FOR_ALL], (answer.SCHEDULE, w, 0))
+        rolls = scheduled[0] != 0
+        some_slide = scheduled[1] != 0
     if rolls:
         call(parts[ATTEMPT], (w, options.scale, used))
         if traits.limited:
@@ -547,12 +547,12 @@ def next_run(problem, traits, parts, w, l, shared, order, inputs):
 def close_ranks(problem, traits, parts, w, used):
     """Let the last runs of a thread lie in the first lanes; return how many are used.
 
-    A lane that slides stays where it is, as its step may be in a block.
+    A lane that slides stays where it is, as its step may be in a rack.
     """
     free = 0
     for l in range(used - 1, -1, -1):
         lane = lane_of(problem, w, l)
-        if lane.run >= 0.0 and not steps_in_block(lane):
+        if lane.run >= 0.0 and not steps_in_rack(lane):
             while free < l and lane_of(problem, w, free).run >= 0.0:
                 free += 1
             if free < l:

@@ -32,7 +32,7 @@ from rattlesweep.physics.theory import (
 )
 from rattlesweep.rows import regimes
 from rattlesweep.rows.arrow import Words, ragged
-from rattlesweep.rows.launches import Bodies, Launches
+from rattlesweep.rows.prepared import Bodies, PreparedRuns
 from rattlesweep.rows.types import (
     TYPES,
     classify,
@@ -72,7 +72,7 @@ class InitialStates(NamedTuple):
     u_z: Floats
 
 
-def closed_form(launches: Launches) -> ClosedForm:
+def closed_form(launches: PreparedRuns) -> ClosedForm:
     """Return the results of runs by the closed form, which has no steps."""
     t_rgh = launches.gh.t_rgh
     has_horizon = np.isfinite(launches.horizon)
@@ -100,7 +100,7 @@ class Results:
     """Runs with their results, and what follows from these."""
 
     config: Config
-    launches: Launches
+    launches: PreparedRuns
     batch: Batch | None
     outcome: Outcome | ClosedForm
 

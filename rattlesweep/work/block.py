@@ -22,13 +22,13 @@ from rattlesweep.kernel.state.status import Status
 from rattlesweep.kernel.task import Control, Task
 from rattlesweep.rows.arrow import Values, build_table
 from rattlesweep.rows.columns import GROUPS, SIZE_GROUP, STATE_GROUP
-from rattlesweep.rows.launches import Launches
+from rattlesweep.rows.prepared import PreparedRuns
 from rattlesweep.rows.results import Results, closed_form
 from rattlesweep.store.decide import Refining
 from rattlesweep.work.error import integrate_estimated
 from rattlesweep.work.error_fit import fit_of
 
-Prepared: TypeAlias = tuple[Launches, Batch | None]  # no batch for the closed form
+Prepared: TypeAlias = tuple[PreparedRuns, Batch | None]  # no batch for the closed form
 
 
 def check_computable(plan: Plan) -> None:
@@ -129,7 +129,7 @@ def _integrate(
 
 
 def columns_of(
-    config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
+    config: Config, launches: PreparedRuns, batch: Batch | None, outcome: Outcome | None
 ) -> dict[str, Values]:
     """Return the columns of runs; without an outcome, by the closed form.
 

@@ -8,7 +8,7 @@ from rattlesweep.arrays import Floats, Integers
 from rattlesweep.config.body_sources import SdSource
 from rattlesweep.design.plan import Plan, make_plan
 from rattlesweep.design.prepare import prepare_launches
-from rattlesweep.rows.launches import Launches
+from rattlesweep.rows.prepared import PreparedRuns
 
 RUNS_PER_CASE = 16  # sampled for the expected cost of a case
 RUNS_ALONE = 256  # the same for the only case
@@ -16,7 +16,7 @@ _MOST_CASES = 2_000  # cases whose cost is computed; it is interpolated between 
 _SEED = 20170427
 
 
-def expected_cost(launches: Launches, model: str) -> Floats:
+def expected_cost(launches: PreparedRuns, model: str) -> Floats:
     """Return the radians of phase of runs up to the horizon, 0 without one."""
     if model == "gh":
         return np.ones(len(launches.horizon))

@@ -13,7 +13,7 @@ from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.kernel.threads import available_threads
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.rows.arrow import floats
-from rattlesweep.rows.launches import Launches
+from rattlesweep.rows.prepared import PreparedRuns
 from rattlesweep.store.parquet import encode
 from rattlesweep.system.console import clock, counted
 from rattlesweep.work.block import compute, load_kernel
@@ -140,7 +140,7 @@ def forecast(
 
 def _pilot(
     plan: Plan,
-    launches: Launches,
+    launches: PreparedRuns,
     cost: Floats,
     random: np.random.Generator,
     count: int,

@@ -18,7 +18,7 @@ from rattlesweep import cli
 from rattlesweep.config.read import load_config, parse_config
 from rattlesweep.design.plan import Plan, make_plan
 from rattlesweep.kernel.outcome import Batch
-from rattlesweep.rows.launches import Launches
+from rattlesweep.rows.prepared import PreparedRuns
 from rattlesweep.store.rows import open_stored
 from rattlesweep.work.block import prepare_runs
 from rattlesweep.work.run import run_sweep
@@ -65,7 +65,7 @@ def plan_of(config: str | Path | dict[str, Any], *sets: str, **changes: Any) -> 
     return make_plan(load_config(CONFIGS / config, sets))
 
 
-def prepared(plan: Plan) -> tuple[Launches, Batch]:
+def prepared(plan: Plan) -> tuple[PreparedRuns, Batch]:
     launches, batch = prepare_runs(plan, *np.divmod(np.arange(plan.runs), plan.samples))
     assert batch is not None
     return launches, batch

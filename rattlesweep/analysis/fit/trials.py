@@ -20,7 +20,7 @@ from rattlesweep.kernel.follow import Follower
 from rattlesweep.kernel.method.tableau import METHODS, TOL
 from rattlesweep.kernel.state.fields import MOST_REVERSALS
 from rattlesweep.kernel.state.status import Status
-from rattlesweep.rows.launches import Launches
+from rattlesweep.rows.prepared import PreparedRuns
 from rattlesweep.words.errors import ConfigError
 
 # The channels that measured quantities are compared with.
@@ -68,7 +68,7 @@ class Trials:
 
     def _prepared(
         self, law: _Law, launches: Sequence[Launch]
-    ) -> tuple[Config, Launches]:
+    ) -> tuple[Config, PreparedRuns]:
         """Return the config of runs of one law, and their launches."""
         rows = launch_rows(launches)
         acting, _, _ = law
@@ -110,7 +110,7 @@ def _by_law(launches: Sequence[Launch]) -> dict[_Law, list[int]]:
     return places
 
 
-def _follower(config: Config, launch: Launches, has_attitude: bool) -> Follower:
+def _follower(config: Config, launch: PreparedRuns, has_attitude: bool) -> Follower:
     """Return the integration of one run, whose contact nobody watches."""
     settings = config.integrator
     return Follower(
@@ -124,7 +124,7 @@ def _follower(config: Config, launch: Launches, has_attitude: bool) -> Follower:
 
 
 def _followed(
-    config: Config, launch: Launches, kind: str, times: Floats
+    config: Config, launch: PreparedRuns, kind: str, times: Floats
 ) -> Floats | ConfigError:
     """Return a quantity of one run at some times, or why there is none."""
     channel = CHANNELS[CHANNELS_OF[kind]]
@@ -148,7 +148,7 @@ def _followed(
 
 
 def _turns(
-    config: Config, prepared: Launches, count: int
+    config: Config, prepared: PreparedRuns, count: int
 ) -> list[Floats | ConfigError]:
     """Return the times of reversals of runs, or why there are none."""
     ends = prepared.horizon

@@ -28,7 +28,7 @@ from rattlesweep.words.quantities import ENERGY, FORCE, LENGTH, RATE, SPEED, TIM
 if TYPE_CHECKING:
     from rattlesweep.kernel.follow import Follower, Samples
     from rattlesweep.physics.si import Units
-    from rattlesweep.rows.launches import Launches
+    from rattlesweep.rows.prepared import PreparedRuns
 
 _FULL = ("full",)
 BOTH = ("full", "reduced")
@@ -43,7 +43,7 @@ VARIABLES = {
 class View:
     """Quantities of a run at the same times, each computed on first use."""
 
-    launches: Launches
+    launches: PreparedRuns
     follower: Follower
     samples: Samples
     beside: Samples | None  # of the reduced model at the same times

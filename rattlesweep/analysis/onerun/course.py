@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from rattlesweep.kernel.outcome import Batch
     from rattlesweep.physics.mesh.pose import MeshPose
     from rattlesweep.physics.si import Units
-    from rattlesweep.rows.launches import Launches
+    from rattlesweep.rows.prepared import PreparedRuns
 
 # Columns of rows by name: numbers, and flags of a section.
 Columns: TypeAlias = "dict[str, NDArray[Any]]"
@@ -78,7 +78,7 @@ class PreparedRun:
     """A run that is ready to be integrated; all arrays have one entry."""
 
     config: Config
-    launches: Launches
+    launches: PreparedRuns
     batch: Batch | None
     units: Units | None = None  # if the size of the body is known
     pose: MeshPose | None = None  # of its mesh

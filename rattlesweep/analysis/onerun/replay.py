@@ -16,7 +16,7 @@ from rattlesweep.design.batches import make_batch
 from rattlesweep.design.plan import Plan
 from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.physics.si import Units
-from rattlesweep.rows.launches import Launches
+from rattlesweep.rows.prepared import PreparedRuns
 from rattlesweep.store.manifest import stored_plan
 from rattlesweep.store.rows import Stored, keys_of, open_stored
 from rattlesweep.words.errors import ConfigError, OutputError
@@ -88,7 +88,7 @@ class StoredRun:
             )
 
     @cached_property
-    def _planned(self) -> tuple[Plan, Launches]:
+    def _planned(self) -> tuple[Plan, PreparedRuns]:
         plan = stored_plan(self.stored)
         return plan, prepare_launches(plan, *keys_of(self.row))
 

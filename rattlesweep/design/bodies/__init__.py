@@ -5,7 +5,7 @@ from typing import Protocol
 import pyarrow as pa
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.rows.launches import Bodies
+from rattlesweep.rows.prepared import Bodies
 
 
 class Source(Protocol):

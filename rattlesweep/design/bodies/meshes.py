@@ -18,7 +18,7 @@ from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.mesh.oddities import doubts_of
 from rattlesweep.physics.mesh.reading import read_standing
 from rattlesweep.physics.si import Units
-from rattlesweep.rows.launches import Bodies
+from rattlesweep.rows.prepared import Bodies
 from rattlesweep.system.files import as_path, reason
 from rattlesweep.words.errors import ConfigError
 

@@ -48,7 +48,7 @@ from rattlesweep.physics import body, si, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.physics.si import half_ellipsoid
 from rattlesweep.rows.columns import MEASURED
-from rattlesweep.rows.launches import Bodies
+from rattlesweep.rows.prepared import Bodies
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.quantities import ANGLES, CONSTANT_OF_SURFACE, SURFACE_CONSTANTS
 

@@ -32,7 +32,7 @@ from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
 from rattlesweep.rows.arrow import F64, I64, TEXT, field
 from rattlesweep.rows.columns import MEASURED, RUN_FIELDS, STATE_FIELDS
-from rattlesweep.rows.launches import Bodies
+from rattlesweep.rows.prepared import Bodies
 from rattlesweep.system.files import as_path
 from rattlesweep.words.errors import ConfigError, one_line
 from rattlesweep.words.quantities import (

@@ -22,7 +22,7 @@ from rattlesweep.kernel.look.extremes import CONTACT, REVERSALS, least_turn, tur
 from rattlesweep.kernel.look.marks import MARKS, value_of
 from rattlesweep.kernel.state.fields import NEVER, PEAK, Flag, Number, Peak, Point
 from rattlesweep.kernel.state.lane import lane_of
-from rattlesweep.kernel.state.ways import steps_in_block
+from rattlesweep.kernel.state.ways import steps_in_rack
 from rattlesweep.physics.full import FASTMATH, scalar
 
 # When lanes are looked at: before lanes that slide replace what was tried on them, and
@@ -109,7 +109,7 @@ def follow_contact(problem, w):
     """Find the peaks of the contact in long steps."""
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        if not is_followed(lane) or steps_in_block(lane):
+        if not is_followed(lane) or steps_in_rack(lane):
             continue
         largest = max(lane.ratio_max, lane.ratio1.value)
         ratio, lift = inside.follow_forces(problem, w, l, largest, -lane.normal_min)

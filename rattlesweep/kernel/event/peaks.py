@@ -24,7 +24,7 @@ from rattlesweep.kernel.look.marks import value_of
 from rattlesweep.kernel.runs import keep_end, restore_end
 from rattlesweep.kernel.state.fields import PEAK, RETAKE, STEP, Number, Point
 from rattlesweep.kernel.state.lane import Lane, lane_of
-from rattlesweep.kernel.state.ways import steps_in_block
+from rattlesweep.kernel.state.ways import steps_in_rack
 from rattlesweep.physics.full import scalar
 
 # Newton's method ends where a peak is higher than the point tried by less than this
@@ -55,7 +55,7 @@ def search_peaks(problem, traits, w, l):  # type: ignore[no-untyped-def]
     if lane.search == PEAK:
         if _try_on(lane):
             return HOLD
-        if steps_in_block(lane):
+        if steps_in_rack(lane):
             lane.search = RETAKE
             lane.h_next = lane.full.h
             return HOLD

@@ -15,7 +15,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.compiling.intrinsics import INNER, KEPT_APART, apart
 from rattlesweep.kernel.look.inside import rates_beyond, state_at
 from rattlesweep.kernel.state.fields import Number
-from rattlesweep.kernel.state.ways import steps_in_block
+from rattlesweep.kernel.state.ways import steps_in_rack
 from rattlesweep.physics.full import FASTMATH
 
 BEGIN = 0.75  # of the horizon
@@ -78,7 +78,7 @@ def note(lane):
     beyond = rates_beyond(lane)
     for place, weight in zip(PLACES, WEIGHTS):  # noqa: B905
         share = first + part * place
-        if steps_in_block(lane):
+        if steps_in_rack(lane):
             spin = cubic(lane, share)
         else:
             spin = lane.problem.model.spin(state_at(lane, beyond, share))

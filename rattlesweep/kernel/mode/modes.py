@@ -355,7 +355,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
         observe_limit=in_turn(observed),
         look=look_at_limit if has_limit else nothing,
         gives_way=of_mode(modes, "gives_way"),
-        plan=roll_on,
+        schedule=roll_on,
         decide=keep,
         change=of_mode(modes, "change"),
         settle=settle,
@@ -367,7 +367,7 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
     if model.slide is not None:
         combined = replace(
             combined,
-            plan=slots.plan_sliding,
+            schedule=slots.schedule_slides,
             decide=slots.decide_sliding,
             launch=slides.launch,
             advance=slides.advance,

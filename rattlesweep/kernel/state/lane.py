@@ -103,9 +103,9 @@ class ModeSet:
     observe_limit: Callable[..., None]
     gives_way: Callable[..., bool]  # as in `Mode`
     change: Callable[..., tuple[int, int]]
-    # plan(problem, w): return whether lanes that roll try a step in this turn, and
+    # schedule(problem, w): return whether lanes that roll try a step in this turn, and
     # whether there are lanes that slide
-    plan: Callable[..., tuple[bool, bool]]
+    schedule: Callable[..., tuple[bool, bool]]
     # decide(problem, w, due): decide on lanes that slide or wait; return which are due
     decide: Callable[..., int]
     # settle(lane, y, n, t): go over to the mode of a body that rolls in the state y,
@@ -166,7 +166,7 @@ class Problem:
         modes: ModeSet | None = None,
         tangents: Tangents | None = None,
         rimmed: bool = False,
-        block: Any = None,
+        rack: Any = None,
     ) -> None:
         if model is not None:
             # State, constants and probe of an empty lane.
@@ -181,7 +181,7 @@ class Problem:
         if modes is not None and tangents is not None:
             self.modes = modes
             self.tangents = tangents
-        self.block = block  # `block.Block` of a model that slides
+        self.rack = rack  # `rack.Rack` of a model that slides
         self.name = f"{model.name if model else 'any'}_{lanes}"
         if rimmed:
             self.name += "_rimmed"

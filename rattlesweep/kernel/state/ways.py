@@ -27,7 +27,7 @@ class ModeFields:
 
 
 @scalar
-def steps_in_block(lane):
+def steps_in_rack(lane):
     """Return whether steps of the lane are those of a slide, and its limit theirs."""
     return lane.mode == SLIDING
 

@@ -1,9 +1,9 @@
 """Steps of slides side by side: the source of a module is generated from a model.
 
-Lanes that slide are copied into blocks of :data:`WIDTH`, whose loops vectorise as those
-of `step.explicit` do.  In a block, each lane solves the equations of its own step of a
+Lanes that slide are copied into racks of :data:`WIDTH`, whose loops vectorise as those
+of `step.explicit` do.  In a rack, each lane solves the equations of its own step of a
 Radau IIA method by its own number of iterations; its numbers stay as they are once
-these are solved, until another lane takes its column.  So they do not depend on the
+these are solved, until another lane takes its slot.  So they do not depend on the
 lanes beside it.
 
 The rates in a step are a polynomial, kept as coefficients of Legendre's polynomials: it
@@ -30,7 +30,7 @@ from rattlesweep.physics.full import FASTMATH, TINY
 
 METHOD = radau(STAGES)
 INVERSE = np.linalg.inv(METHOD.integrals)
-# Lanes in a block, one or two vectors of the processor.
+# Lanes in a rack, one or two vectors of the processor.
 WIDTH = 1 if config.DISABLE_JIT else 8
 # Of squared changes: they may fall by this less from one iteration to the next.
 DECAY = 9.0
@@ -53,11 +53,11 @@ Reader = Callable[..., tuple[float, ...]]
 
 
 @dataclass(frozen=True)
-class Block:
-    """Functions of a block, and first rows of its numbers in a flat array ``z``.
+class Rack:
+    """Functions of a rack, and first rows of its numbers in a flat array ``z``.
 
     A row has ``width`` numbers, one of each lane.  Readers are called with ``z`` and
-    the column of a lane.
+    the slot of a lane.
     """
 
     rows: int
@@ -72,8 +72,8 @@ class Block:
     # State and slip at the stages, and constants: rows for all stages of each number.
     values: int
     growths: int  # rates of the speed at the stages
-    lane: int  # 1 + index of the lane in a column, 0 in a free one
-    # load(z, column, numbers): copy the step to be tried; its numbers are the state,
+    lane: int  # 1 + index of the lane in a slot, 0 in a free one
+    # load(z, slot, numbers): copy the step to be tried; its numbers are the state,
     # speed, angle and work, the constants with ``mu``, size, largest squared change of
     # an iteration, the rows from ``past_h`` on, and what marks a new step.
     load: Callable[..., None]
@@ -94,7 +94,7 @@ class Block:
 
 
 class _Writer:
-    """Writes the functions of a block, and assigns rows to its numbers.
+    """Writes the functions of a rack, and assigns rows to its numbers.
 
     What differs between stages has rows for all of them, one after the other, so that
     one loop evaluates all stages of all lanes.
@@ -158,7 +158,7 @@ class _Writer:
         self.lines += ["", "", f"def {name}(problem, z):", "    widest_vectors()"]
 
     def loop(self, *body: str, width: int = WIDTH) -> None:
-        """Write a loop over the lanes of the block."""
+        """Write a loop over the lanes of the rack."""
         self.lines.append(f"    for l in range({width}):")
         self.lines += ["        " + line for line in body]
 
@@ -445,10 +445,10 @@ def nested(function: str, values: list[str]) -> str:
     return f"{function}({nested(function, rest)}, {last})" if rest else last
 
 
-def block_of(model: Model) -> Block:
+def rack_of(model: Model) -> Rack:
     """Write and import the module of a model, and return its functions."""
     writer = _Writer(model)
-    written = import_written(f"block_{model.name}_{WIDTH}", writer.source)
+    written = import_written(f"rack_{model.name}_{WIDTH}", writer.source)
     compiled: Any = njit(fastmath=FASTMATH, **INNER)
     n = writer.n
     count = writer.count
@@ -468,7 +468,7 @@ def block_of(model: Model) -> Block:
     settings = range(writer.h, writer.loaded)
     new = [writer.fresh, *range(writer.busy, writer.busy + STAGES)]
     new += [writer.before, writer.spent]
-    return Block(
+    return Rack(
         rows=-(-writer.rows // STAGES) * STAGES,
         width=WIDTH,
         count=count,

@@ -73,7 +73,7 @@ def motion_under(model, y, slip, mu, constants, contact, own, at):
 
 @scalar
 def stage_rates(model, y, slip, constants):
-    """Return the numbers of a :class:`Motion` in the order of the rows of a block.
+    """Return the numbers of a :class:`Motion` in the order of the rows of a rack.
 
     The last constant is ``mu``.
     """
@@ -83,7 +83,7 @@ def stage_rates(model, y, slip, constants):
 
 @scalar
 def stage_numbers(motion, slip):
-    """Return the numbers of a :class:`Motion` in the order of the rows of a block."""
+    """Return the numbers of a :class:`Motion` in the order of the rows of a rack."""
     # The motion ends before the mobility is zero, so beyond there is no solution.
     least = min(slip.speed, motion.mobility)
     rates = motion.slip.speed, motion.slip.angle, motion.slip.work

@@ -1,4 +1,4 @@
-"""A step of a slide in the block: its start, its error, its limit."""
+"""A step of a slide in the rack: its start, its error, its limit."""
 
 # mypy: ignore-errors
 
@@ -56,7 +56,7 @@ END_RATES = (DEGREES * (DEGREES + 1)) @ METHOD.spectrum
 SOLVED = 1e-2  # share of the tolerance to which the equations are solved
 # Rounding errors of a state over its size: no step is more exact.
 ROUNDING = 1e-15
-# A fresh column: equations that are to be solved, no change and no iteration yet.
+# A fresh slot: equations that are to be solved, no change and no iteration yet.
 NEW = (1.0,) * (1 + STAGES) + (0.0, 0.0)
 FAILED = 1e30  # squared error of a step whose equations were not solved
 # The ratio of two steps: a share of what would meet the tolerance, and bounds.
@@ -92,12 +92,12 @@ def motion_of(lane, y, slip):
     return motion_at(lane.problem.model, y, slip, lane.mu, lane.constants)
 
 
-# A step, in the column of a lane in a block.
+# A step, in the slot of a lane in a rack.
 
 
 @njit(**INNER)
-def load_column(lane, z, column, scale):
-    """Copy the start of a step to a column, and what the last step tells."""
+def load_slot(lane, z, slot, scale):
+    """Copy the start of a step to a slot, and what the last step tells."""
     slip = lane.slip
     _, size = lane.problem.model.error(lane.y, lane.y, lane.constants)
     begins = slip.speed <= BEGINNING
@@ -118,16 +118,16 @@ def load_column(lane, z, column, scale):
         # Its spin only tells the torque of the start, where spin and speed are zero.
         start = with_spin(lane, start, 0.0)
     whole = start + numbers + lane.constants + settings + lane.past + NEW
-    lane.problem.block.load(z, column, whole)
+    lane.problem.rack.load(z, slot, whole)
     if begins or lane.past_h == 0.0:
         now = motion_of(lane, lane.y, slip)
         # Where the angle is stiff, its rate at the start says nothing about the step.
         stiff = begins or abs(lane.h * now.stiffness) >= 1.0
         turning = 0.0 if stiff else now.slip.angle
         rates = now.f + (now.slip.speed, turning, 0.0)  # noqa: RUF005
-        for c in range(lane.problem.block.count):
-            keep_rate(lane, z, column, c, rates[c])
-        go_straight(lane, z, column)
+        for c in range(lane.problem.rack.count):
+            keep_rate(lane, z, slot, c, rates[c])
+        go_straight(lane, z, slot)
 
 
 @njit(**INNER)
@@ -144,34 +144,34 @@ def squared_speed(lane, speed):
 
 
 @njit(**INNER)
-def keep_rate(lane, z, column, c, rate):
+def keep_rate(lane, z, slot, c, rate):
     """Let a number be guessed from its rate at the start of the step alone."""
-    block = lane.problem.block
+    rack = lane.problem.rack
     for k in range(STAGES):
-        place = (block.past + k * block.count + c) * block.width + column
+        place = (rack.past + k * rack.count + c) * rack.width + slot
         z[place] = rate if k == 0 else 0.0
 
 
 @njit(**INNER)
-def go_straight(lane, z, column):
+def go_straight(lane, z, slot):
     """Let a step be guessed from its own start, and not from the last step's."""
-    block = lane.problem.block
-    z[block.past_h * block.width + column] = lane.h
-    z[block.offset * block.width + column] = 0.0
+    rack = lane.problem.rack
+    z[rack.past_h * rack.width + slot] = lane.h
+    z[rack.offset * rack.width + slot] = 0.0
 
 
 @njit(**INNER)
-def rates_at_start(problem, z, column, c):
+def rates_at_start(problem, z, slot, c):
     """Return the rate of a number at the start of a step, and the rate of this rate."""
-    block = problem.block
-    past_h = z[block.past_h * block.width + column]
-    side = 2.0 * z[block.offset * block.width + column] - 1.0
+    rack = problem.rack
+    past_h = z[rack.past_h * rack.width + slot]
+    side = 2.0 * z[rack.offset * rack.width + slot] - 1.0
     rate = 0.0
     bend = 0.0
     # Values and derivatives of Legendre's polynomials at 1 or -1.
     sign = 1.0
     for k in range(STAGES):
-        coefficient = z[(block.past + k * block.count + c) * block.width + column]
+        coefficient = z[(rack.past + k * rack.count + c) * rack.width + slot]
         rate += sign * coefficient
         bend += sign * side * k * (k + 1) * coefficient
         sign *= side
@@ -179,27 +179,27 @@ def rates_at_start(problem, z, column, c):
 
 
 @njit(**INNER)
-def look_ahead(lane, z, column):
+def look_ahead(lane, z, slot):
     """Do not follow the rates of the last step further than they tell."""
-    block = lane.problem.block
-    z[block.h * block.width + column] = lane.h
-    past_h = z[block.past_h * block.width + column]
-    offset = z[block.offset * block.width + column]
+    rack = lane.problem.rack
+    z[rack.h * rack.width + slot] = lane.h
+    past_h = z[rack.past_h * rack.width + slot]
+    offset = z[rack.offset * rack.width + slot]
     if offset + lane.h / past_h > MOST_AHEAD:
-        for c in range(block.count):
-            rate, _ = rates_at_start(lane.problem, z, column, c)
-            keep_rate(lane, z, column, c, rate)
-        go_straight(lane, z, column)
+        for c in range(rack.count):
+            rate, _ = rates_at_start(lane.problem, z, slot, c)
+            keep_rate(lane, z, slot, c, rate)
+        go_straight(lane, z, slot)
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def time_to_rest(lane, z, column):
+def time_to_rest(lane, z, slot):
     """Return the time in which the speed falls to zero, or infinity.
 
     The speed is taken as a parabola in time.
     """
     speed = lane.slip.speed
-    rate, bend = rates_at_start(lane.problem, z, column, len(lane.y) + SLIP_SPEED)
+    rate, bend = rates_at_start(lane.problem, z, slot, len(lane.y) + SLIP_SPEED)
     if speed <= BEGINNING or rate >= 0.0:
         return np.inf
     square = rate * rate - 2.0 * speed * bend
@@ -209,12 +209,12 @@ def time_to_rest(lane, z, column):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def guess_beginning(lane, z, column):
+def guess_beginning(lane, z, slot):
     """Guess direction and speed at the stages of the first step of a slide.
 
     The direction follows the force, and the speed is the integral of its rate.
     """
-    block = lane.problem.block
+    rack = lane.problem.rack
     model = lane.problem.model
     angle = lane.slip.angle
     n = len(lane.y)
@@ -228,26 +228,26 @@ def guess_beginning(lane, z, column):
             contact, _ = contact_while_sliding(at, rubbed.drag)
         angle, _ = settled_direction(contact, lane.mu, angle)
         _, _, along, _, _ = push(contact, lane.mu, angle)
-        row = block.values + (n + SLIP_ANGLE) * STAGES + i
-        z[row * block.width + column] = angle
-        z[(block.growths + i) * block.width + column] = along
+        row = rack.values + (n + SLIP_ANGLE) * STAGES + i
+        z[row * rack.width + slot] = angle
+        z[(rack.growths + i) * rack.width + slot] = along
     for i in range(STAGES):
         speed = 0.0
         for j in range(STAGES):
-            growth = z[(block.growths + j) * block.width + column]
+            growth = z[(rack.growths + j) * rack.width + slot]
             speed += lane.h * INTEGRALS[i, j] * growth
-        row = block.values + (n + SLIP_SPEED) * STAGES + i
-        z[row * block.width + column] = speed
+        row = rack.values + (n + SLIP_SPEED) * STAGES + i
+        z[row * rack.width + slot] = speed
         if model.pivot is not None and begins_held(lane):
             # The ratio of spin and speed is that of the start.
             state = moved(lane.y, lane.f, lane.h * POINTS[i])
             ratio = model.spin(lane.y) * lane.mu / lane.constants[-1]
             state = with_spin(lane, state, ratio * speed)
             for c in range(n):
-                row = block.values + c * STAGES + i
-                z[row * block.width + column] = state[c]
+                row = rack.values + c * STAGES + i
+                z[row * rack.width + slot] = state[c]
             if i == 0:
-                place = block.enough * block.width + column
+                place = rack.enough * rack.width + slot
                 most = SOLVED * SOLVED * squared_speed(lane, speed)
                 z[place] = max(min(z[place], most), squared_rounding(lane))
 
@@ -285,24 +285,24 @@ def squared_rounding(lane):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def squared_error(lane, z, column, rates, scale):
+def squared_error(lane, z, slot, rates, scale):
     """Return the squared error of the step just tried, in units of the tolerance.
 
     The tolerance is not smaller than rounding errors.  If the coefficients of the
     derivative fall by ``rho`` from one degree to the next, the error at the end of a
     step falls as ``rho^9``; this returns ``rho^8``.
     """
-    block = lane.problem.block
+    rack = lane.problem.rack
     model = lane.problem.model
     speed = lane.slip1.speed
-    high, size = model.error(block.fifth(rates), lane.y1, lane.constants)
-    high += squared_slip(Slip(*block.fifth_slip(rates)), speed)
-    low, _ = model.error(block.third(rates), lane.y1, lane.constants)
-    low += squared_slip(Slip(*block.third_slip(rates)), speed)
+    high, size = model.error(rack.fifth(rates), lane.y1, lane.constants)
+    high += squared_slip(Slip(*rack.fifth_slip(rates)), speed)
+    low, _ = model.error(rack.third(rates), lane.y1, lane.constants)
+    low += squared_slip(Slip(*rack.third_slip(rates)), speed)
     fall = high / (low + TINY)
     error = high * fall * fall
     if model.pivot is not None:
-        error += squared_error_of_spin(lane, z, column, rates)
+        error += squared_error_of_spin(lane, z, slot, rates)
     return error * lane.h * lane.h / max(size / scale, squared_rounding(lane))
 
 
@@ -333,18 +333,18 @@ def smooth_creep(lane, speed):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def squared_error_of_spin(lane, z, column, rates):
+def squared_error_of_spin(lane, z, slot, rates):
     """Return the square of the error of the spin in a step of size 1.
 
     The torque of the patch falls fast as the slide begins, and its coefficients may be
     small by chance.  Where the sliding is as fast as the patch turns at its rim, the
     torque has only two derivatives, so the error is of the order 2.5 there.
     """
-    block = lane.problem.block
+    rack = lane.problem.rack
     model = lane.problem.model
-    third = model.spin_rate(lane.y1, block.third(rates)) ** 2
-    fourth = model.spin_rate(lane.y1, block.fourth(rates)) ** 2
-    fifth = model.spin_rate(lane.y1, block.fifth(rates)) ** 2
+    third = model.spin_rate(lane.y1, rack.third(rates)) ** 2
+    fourth = model.spin_rate(lane.y1, rack.fourth(rates)) ** 2
+    fifth = model.spin_rate(lane.y1, rack.fifth(rates)) ** 2
     fall = fifth / (fourth + TINY)
     fall = min(1.0, max(fifth / (third + TINY), fall * fall))
     error = fifth * fall * fall
@@ -363,7 +363,7 @@ def squared_error_of_spin(lane, z, column, rates):
         if not crosses:
             width = min(abs(after - before), abs(1.0 / after - 1.0 / before))
         width = min(MOST_WIDTH, width)
-        normal = block.forces(z, column)[STAGES - 1]
+        normal = rack.forces(z, slot)[STAGES - 1]
         torque = KINK * width * width * sqrt(width) * lever * normal
         error += (torque / lane.constants[2]) ** 2
     return SPIN_WEIGHT * SPIN_WEIGHT * error
@@ -397,12 +397,12 @@ def observe(lane, contact_recorded, limit_half, lift_half):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def note_forces(lane, z, column):
+def note_forces(lane, z, slot):
     """Set the limit and the forces at the end of a step from those at its stages.
 
     Return the limit and the negative normal force in the middle.
     """
-    forces = lane.problem.block.forces(z, column)
+    forces = lane.problem.rack.forces(z, slot)
     normal = forces[STAGES - 1]
     margin = forces[2 * STAGES - 1]
     normal_rate = 0.0

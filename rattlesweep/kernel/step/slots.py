@@ -1,4 +1,4 @@
-"""Which lanes step in a block: those that slide take its columns in turns."""
+"""Which lanes step in a rack: those that slide take its slots in turns."""
 
 # mypy: ignore-errors
 
@@ -25,14 +25,14 @@ from rattlesweep.kernel.state.statuses import (
     JAMMED,
     STEP_TOO_SMALL,
 )
-from rattlesweep.kernel.state.ways import steps_in_block
+from rattlesweep.kernel.state.ways import steps_in_rack
 from rattlesweep.kernel.step.sliding_step import (
     BEGINNING,
     FAILED,
     contact_at_slip,
     guess_beginning,
     hold_back,
-    load_column,
+    load_slot,
     look_ahead,
     note_forces,
     observe,
@@ -58,16 +58,16 @@ from rattlesweep.physics.friction.sliding import (
 )
 from rattlesweep.physics.full import FASTMATH
 
-# Columns of a block in which a turn goes on, if lanes that roll step in the same turn.
+# Slots of a rack in which a turn goes on, if lanes that roll step in the same turn.
 FEWEST_SLIDING = 4
-# Columns that are left for the next turn otherwise.
+# Slots that are left for the next turn otherwise.
 FEWEST_BUSY = 6
-# Columns that become free before others take their places.
+# Slots that become free before others take their places.
 FEWEST_FREE = 3
 
 
 class SlotFields:
-    """What a lane that may slide knows of its steps in a block."""
+    """What a lane that may slide knows of its steps in a rack."""
 
     waits: Flag  # whether it tries no step in this turn
     past_h: Number  # size of the last step of the slide, 0 if there is none
@@ -81,13 +81,13 @@ class SlotFields:
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def end_or_load(lane, z, column, scale, contact_recorded):
-    """Return whether the step is one of a block, and copy it there.
+def end_or_load(lane, z, slot, scale, contact_recorded):
+    """Return whether the step is one of a rack, and copy it there.
 
     Otherwise the slide ends with it, or is jammed.
     """
-    load_column(lane, z, column, scale)
-    time = time_to_rest(lane, z, column)
+    load_slot(lane, z, slot, scale)
+    time = time_to_rest(lane, z, slot)
     angle = time * lane.swing
     searches = lane.search != STEP
     if angle < LAST_ANGLE:
@@ -125,18 +125,18 @@ def end_or_load(lane, z, column, scale, contact_recorded):
         if time * (1.0 - left) < lane.h:
             lane.h = time * (1.0 - left)
             lane.last = 0.0
-    look_ahead(lane, z, column)
+    look_ahead(lane, z, slot)
     return True
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def take_from(lane, z, column, scale, contact_recorded):
-    """Copy the end of a step from a block, with its error and what is observed."""
-    block = lane.problem.block
-    lane.y1 = block.state(z, column)
-    lane.slip1 = Slip(*block.slip(z, column))
-    lane.f1 = block.rate(z, column)
-    solved = z[block.busy * block.width + column] == 0.0
+def take_from(lane, z, slot, scale, contact_recorded):
+    """Copy the end of a step from a rack, with its error and what is observed."""
+    rack = lane.problem.rack
+    lane.y1 = rack.state(z, slot)
+    lane.slip1 = Slip(*rack.slip(z, slot))
+    lane.f1 = rack.rate(z, slot)
+    solved = z[rack.busy * rack.width + slot] == 0.0
     if not (solved and lane.slip1.speed > 0.0):
         # Nothing is observed at the end of a step that is not taken.
         hold_back(lane)
@@ -144,75 +144,75 @@ def take_from(lane, z, column, scale, contact_recorded):
         lane.error = FAILED
         lane.tried_h = 0.0
         return
-    rates = block.rates(z, column)
-    lane.error = squared_error(lane, z, column, rates, scale)
+    rates = rack.rates(z, slot)
+    lane.error = squared_error(lane, z, slot, rates, scale)
     lane.tried = rates
     lane.tried_h = lane.h
     lane.stretch = stretch(lane)
-    limit_half, lift_half = note_forces(lane, z, column)
+    limit_half, lift_half = note_forces(lane, z, slot)
     observe(lane, contact_recorded, limit_half, lift_half)
 
 
 @njit(**INNER)
-def lane_in(problem, w, z, column):
-    """Return the lane whose step is in a column."""
-    block = problem.block
-    return lane_of(problem, w, int(z[block.lane * block.width + column]) - 1)
+def lane_in(problem, w, z, slot):
+    """Return the lane whose step is in a slot."""
+    rack = problem.rack
+    return lane_of(problem, w, int(z[rack.lane * rack.width + slot]) - 1)
 
 
 @njit(**INNER)
-def fill_columns(problem, w, z, waiting, free, scale, contact_recorded):
-    """Let lanes take free columns; return those that still wait, and free columns."""
-    block = problem.block
+def fill_slots(problem, w, z, waiting, free, scale, contact_recorded):
+    """Let lanes take free slots; return those that still wait, and free slots."""
+    rack = problem.rack
     before = free
     while waiting != 0 and free != 0:
         l = lowest_bit(waiting)
         waiting &= waiting - 1
         lane = lane_of(problem, w, l)
-        column = lowest_bit(free)
-        if end_or_load(lane, z, column, scale, contact_recorded):
+        slot = lowest_bit(free)
+        if end_or_load(lane, z, slot, scale, contact_recorded):
             free &= free - 1
-            z[block.lane * block.width + column] = l + 1.0
+            z[rack.lane * rack.width + slot] = l + 1.0
     taken = before & ~free
     if taken != 0:
-        block.predict(problem, z)
+        rack.predict(problem, z)
     while taken != 0:
-        column = lowest_bit(taken)
+        slot = lowest_bit(taken)
         taken &= taken - 1
-        lane = lane_in(problem, w, z, column)
+        lane = lane_in(problem, w, z, slot)
         if lane.slip.speed <= BEGINNING:
-            guess_beginning(lane, z, column)
+            guess_beginning(lane, z, slot)
     return waiting, free
 
 
 @njit(**INNER)
 def empty(problem, w, z, free, scale, contact_recorded):
-    """Take the steps whose equations are solved, or cannot be; return free columns."""
-    block = problem.block
-    for column in range(block.width):
-        if (free >> column) & 1 == 0 and z[block.busy * block.width + column] <= 0.0:
-            lane = lane_in(problem, w, z, column)
-            take_from(lane, z, column, scale, contact_recorded)
-            z[block.lane * block.width + column] = 0.0
-            free |= 1 << column
+    """Take the steps whose equations are solved, or cannot be; return free slots."""
+    rack = problem.rack
+    for slot in range(rack.width):
+        if (free >> slot) & 1 == 0 and z[rack.busy * rack.width + slot] <= 0.0:
+            lane = lane_in(problem, w, z, slot)
+            take_from(lane, z, slot, scale, contact_recorded)
+            z[rack.lane * rack.width + slot] = 0.0
+            free |= 1 << slot
     return free
 
 
 @njit(**INNER)
-def plan_sliding(problem, w):
-    """Return what `ModeSet.plan` does: whether lanes roll, and whether some slide."""
+def schedule_slides(problem, w):
+    """Return what `ModeSet.schedule` does: if lanes roll, and if some slide."""
     widest_vectors()
     others = 0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        others += 1 if (lane.refused > 0.0) | steps_in_block(lane) else 0
+        others += 1 if (lane.refused > 0.0) | steps_in_rack(lane) else 0
     if others == 0:
         return True, False
-    return plan_turn(problem, w), True
+    return schedule_turn(problem, w), True
 
 
 @njit(**INNER)
-def plan_turn(problem, w):
+def schedule_turn(problem, w):
     """Return whether the lanes that roll try a step in this turn, or wait.
 
     Their step takes as long for one of them as for all, so they wait while most lanes
@@ -224,14 +224,14 @@ def plan_turn(problem, w):
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         busy = lane.run >= 0.0
-        slides = steps_in_block(lane)
+        slides = steps_in_rack(lane)
         sliding += 1 if busy & slides else 0
         rolling += 1 if busy & (not slides) else 0
         watched += lane.watched
     rolls = (rolling >= sliding) | (watched > 0.0)
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        waits = (not rolls) & (not steps_in_block(lane))
+        waits = (not rolls) & (not steps_in_rack(lane))
         lane.waits = 1.0 if waits else 0.0
     if not rolls:
         for l in range(problem.lanes):
@@ -251,7 +251,7 @@ def sliding_lanes(problem, w):
         if lane.refused > 0.0:
             lane.waits = 0.0
             stay(lane)
-        bits |= (1 if (lane.refused == 0.0) & steps_in_block(lane) else 0) << l
+        bits |= (1 if (lane.refused == 0.0) & steps_in_rack(lane) else 0) << l
     return bits
 
 
@@ -266,7 +266,7 @@ def decide_sliding(problem, w, due):
         lane = lane_of(problem, w, l)
         waits = lane.waits > 0.0
         # Lanes that are due are looked at later.
-        moves = steps_in_block(lane) & (lane.accept > 0.0) & ((due >> l) & 1 == 0)
+        moves = steps_in_rack(lane) & (lane.accept > 0.0) & ((due >> l) & 1 == 0)
         if moves and runs.stalls(lane, True):
             lane.refused = STEP_TOO_SMALL
         if lane.stretch > 0.0:
@@ -283,40 +283,40 @@ def decide_sliding(problem, w, due):
 def slide_lanes(problem, w, scale, contact_recorded, fewest):
     """Try a step on lanes that slide.
 
-    Each column of the block takes the next lane once its own step is solved.  If fewer
-    columns than ``fewest`` are left, their lanes wait, and go on in the next turn.
+    Each slot of the rack takes the next lane once its own step is solved.  If fewer
+    slots than ``fewest`` are left, their lanes wait, and go on in the next turn.
 
-    The block is at the end of the workspace.
+    The rack is at the end of the workspace.
     """
-    block = problem.block
-    z = w[w.size - block.rows * block.width :]
+    rack = problem.rack
+    z = w[w.size - rack.rows * rack.width :]
     waiting = sliding_lanes(problem, w)
     free = 0
-    for column in range(block.width):
-        l = int(z[block.lane * block.width + column]) - 1
+    for slot in range(rack.width):
+        l = int(z[rack.lane * rack.width + slot]) - 1
         if l < 0:
-            free |= 1 << column
+            free |= 1 << slot
         else:
             waiting &= ~(1 << l)
     fewest = min(fewest, FEWEST_BUSY)
     some = False
     while True:
-        waiting, free = fill_columns(
+        waiting, free = fill_slots(
             problem, w, z, waiting, free, scale, contact_recorded
         )
-        busy = block.width - bits_of(free)
+        busy = rack.width - bits_of(free)
         if busy == 0 or (some and waiting == 0 and busy < fewest):
             break
         # Fewer are left in the end, or before others come.
         few = max(0, busy - FEWEST_FREE) if waiting != 0 else max(0, fewest - 1)
         few = min(few, busy - 1)
-        while block.iterate(problem, z) > few:
+        while rack.iterate(problem, z) > few:
             pass
         free = empty(problem, w, z, free, scale, contact_recorded)
         some = True
-    for column in range(block.width):
-        if (free >> column) & 1 == 0:
-            lane = lane_in(problem, w, z, column)
+    for slot in range(rack.width):
+        if (free >> slot) & 1 == 0:
+            lane = lane_in(problem, w, z, slot)
             hold_back(lane)
             lane.waits = 1.0
 

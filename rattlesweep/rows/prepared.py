@@ -65,7 +65,7 @@ _COLUMNS = {each.name for each in fields(Bodies)}
 
 
 @dataclass(frozen=True)
-class Launches:
+class PreparedRuns:
     """Runs that are ready to be integrated, as arrays with one entry per run."""
 
     case: Integers
