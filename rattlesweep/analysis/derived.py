@@ -71,7 +71,7 @@ DERIVED: dict[str, tuple[str, str]] = {
         for name, loss in LOSSES.items()
         if name in COUPLE_CONSTANTS
     },
-    "spin_decay": (RATE, "rate at which an upright spin falls"),
+    "spin_decay": (RATE, "rate at which sigma slows an upright spin"),
     "n_growth_pitch": (RATE, "spin above which the pitch grows, small spin"),
     "n_growth_roll": (RATE, "spin below which the roll grows, small spin"),
     "least_pitch": (RATE, "least pitch that grows at n_i"),
@@ -220,8 +220,11 @@ def derived(
     small = growing.rates(n_i)
     least = growing.least(n_i)
     outgrows = growing.thresholds
-    if losses["rolling"] > 0:
-        # No oscillation grows that is small enough.
+    has_rates = all(
+        LOSSES[name].is_averaged for name, value in losses.items() if value > 0
+    )
+    if losses["rolling"] > 0 or not has_rates:
+        # No oscillation grows that is small enough, or its growth is not known.
         small = small * math.nan
         outgrows = outgrows * math.nan
     values: dict[str, Any] = {name: getattr(b, name) for name in PARAMETERS}

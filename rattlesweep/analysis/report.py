@@ -160,12 +160,11 @@ def _shown(layout: SweepLayout, kind: str) -> Mapping[str, object]:
         # The parts of a figure refer to each other, so that it would stay.
         gc.collect()
         with styled({"font.size": NARROW_FONT}):
-            if image["wide"]:
-                height = NARROW_MARGIN + NARROW_PANEL * len(picture.down)
-                # Without it the page shows the wide one, which scrolls.
-                with suppress(ConfigError):
-                    narrow = picture.figure(caption=False, size=(NARROW, height))
-                    image["narrow"] = data_url(*_encoded(narrow))
+            height = NARROW_MARGIN + NARROW_PANEL * len(picture.down)
+            # Without it the page shows the other one, which scrolls if it is wide.
+            with suppress(ConfigError):
+                narrow = picture.figure(caption=False, size=(NARROW, height))
+                image["narrow"] = data_url(*_encoded(narrow))
     except (ConfigError, OutputError) as error:
         return {"kind": kind, "error": error}
     finally:

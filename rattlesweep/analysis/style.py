@@ -7,7 +7,7 @@ import math
 import shutil
 import textwrap
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -22,6 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
@@ -147,7 +148,10 @@ BAND = (
 )
 LEAST_SIZE = 6.0  # points, of any text
 LEAST_PANEL = 0.3  # inches, of the height of a panel
+# Heights that are tried for a figure without room, over the one that was asked for.
+HIGHER = (1.2, 1.4, 1.7, 2.0, 2.5, 3.0)
 CAPTION_SIZE = 7.0  # points; less where the text of the figure is small
+LEGEND_PART = 0.96  # of the width of a figure, at most
 CAPTION_PART = 0.22  # of the height of a figure that does not grow
 # A style file, the name of a style, or settings.
 Style: TypeAlias = "Path | str | Mapping[str, Any] | None"
@@ -252,7 +256,9 @@ def add_legend(
             handlelength=1.6,
             ncols=math.ceil(count / rows),
         )
-        if rows == count or legend.get_window_extent().width <= figure.bbox.width:
+        # Letters of another resolution may be a little wider.
+        room = LEGEND_PART * figure.bbox.width
+        if rows == count or legend.get_window_extent().width <= room:
             break
         legend.remove()
     legend.set_title("\n".join(map(str, heading)))
@@ -355,23 +361,91 @@ def sized(size: tuple[float, float] | None) -> Iterator[None]:
             yield
         except UserWarning:
             assert size is not None
-            raise ConfigError(_no_room(size)) from None
+            raise NoRoomError(size) from None
 
 
-def _no_room(size: tuple[float, float]) -> str:
-    return (
-        "size: the panels, their legend and their caption do not fit into "
-        f"{size[0]:g} x {size[1]:g} inches; give more, select fewer values, or leave "
-        "the caption out"
-    )
+class NoRoomError(ConfigError):
+    """A figure of this size has no room for its panels; another `height` may do.
+
+    One that `is_narrow` needs more width.
+    """
+
+    def __init__(
+        self,
+        size: tuple[float, float],
+        height: float | None = None,
+        is_narrow: bool = False,
+    ) -> None:
+        self.is_narrow = is_narrow
+        more = "more width" if is_narrow else "more"
+        if height is not None:
+            more = f"{size[0]:g},{height:g}"
+        super().__init__(
+            "size: the panels, their legend and their caption do not fit into "
+            f"{size[0]:g} x {size[1]:g} inches; give {more}, select fewer values, or "
+            "leave the caption out"
+        )
+
+
+def with_room(
+    draw: Callable[[tuple[float, float]], Figure], size: tuple[float, float]
+) -> Figure:
+    """Return the figure of a size; where it has no room, name a height that has."""
+    try:
+        return draw(size)
+    except NoRoomError as error:
+        if error.is_narrow:
+            raise
+        raise NoRoomError(size, _height_with_room(draw, size)) from None
+
+
+def _height_with_room(
+    draw: Callable[[tuple[float, float]], Figure], size: tuple[float, float]
+) -> float | None:
+    width, height = size
+    for factor in HIGHER:
+        enough = math.ceil(10 * factor * height) / 10
+        with suppress(NoRoomError):
+            draw((width, enough))
+            return enough
+    return None
+
+
+def misplaced_texts(figure: Figure) -> list[str]:
+    """Return headings and entries of legends that leave the figure, and headings of
+    panels that touch each other.
+    """
+    with valid_texts():
+        figure.draw_without_rendering()
+    titles = [
+        title
+        for axes in figure.axes
+        for place in ("left", "center", "right")
+        if (title := _title_at(axes, place)).get_text()
+    ]
+    entries = [text for legend in figure.findobj(Legend) for text in legend.get_texts()]
+    left, right = figure.bbox.intervalx
+    wrong = []
+    for text in (*titles, *entries):
+        box = text.get_window_extent()
+        if box.x0 < left or box.x1 > right:
+            wrong.append(text.get_text())
+    for title, other in itertools.combinations(titles, 2):
+        if title.get_window_extent().overlaps(other.get_window_extent()):
+            wrong.append(title.get_text())
+    return wrong
 
 
 def check_panels(figure: Figure, size: tuple[float, float]) -> None:
-    """Raise a ConfigError if a panel of a figure of this size is too low to read."""
+    """Raise a ConfigError if a figure of this size has a panel that is too low to read,
+    or texts that touch or are cut.
+    """
+    if misplaced_texts(figure):
+        raise NoRoomError(size, is_narrow=True)
     for axes in figure.axes:
         height = axes.get_window_extent().height / figure.dpi
         if axes.axison and height < LEAST_PANEL:
-            raise ConfigError(_no_room(size))
+            raise NoRoomError(size)
 
 
 def fit_texts(figure: Figure) -> None:
@@ -386,18 +460,48 @@ def fit_texts(figure: Figure) -> None:
     shrunk = False
     for axes in figure.axes:
         room = axes.get_window_extent()
+        shrunk |= _join_titles(axes)
         across = (axes.xaxis.label, axes.title)
         for text, which in (
             *((each, "width") for each in across),
             (axes.yaxis.label, "height"),
         ):
             shrunk |= _shrink(text, getattr(room, which), which)
+        shrunk |= _break_title(axes.title, room.width)
     if not shrunk:
         return
     with valid_texts():
         figure.draw_without_rendering()
     _keep_middle(figure, "yaxis", "height")
     _keep_middle(figure, "xaxis", "width")
+
+
+def _title_at(axes: Axes, place: str) -> Text:
+    """Return the title at the left, the center or the right of a panel."""
+    name = {"left": "_left_title", "center": "title", "right": "_right_title"}[place]
+    title: Text = getattr(axes, name)
+    return title
+
+
+def _join_titles(axes: Axes) -> bool:
+    """Make one title of a letter at the left and a title that it would touch."""
+    letter = _title_at(axes, "left")
+    if not (letter.get_text() and axes.title.get_text()):
+        return False
+    if not letter.get_window_extent().overlaps(axes.title.get_window_extent()):
+        return False
+    axes.title.set_text(f"{letter.get_text()} {axes.title.get_text()}")
+    letter.set_text("")
+    return True
+
+
+def _break_title(title: Text, room: float) -> bool:
+    """Break a title at its commas, from the first on, until each line has room."""
+    broken = False
+    while title.get_window_extent().width > room and ", " in title.get_text():
+        title.set_text(title.get_text().replace(", ", ",\n", 1))
+        broken = True
+    return broken
 
 
 def _shrink(text: Text, room: float, which: str) -> bool:

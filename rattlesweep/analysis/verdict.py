@@ -266,6 +266,7 @@ class SpinCurve(NamedTuple):
     n_rpm: Floats
 
 
+DOT = "A dot is the first reversal."
 NOT_SURE = (
     "Not sure: a stone within the errors that were given, or the same one with a "
     "tighter tolerance, does something else."
@@ -311,6 +312,8 @@ def draw_verdict(
             axes = of_launch[curve.n_i_rpm]
             if style.curve(axes, curve.t_s, curve.n_rpm, colours[curve.friction]):
                 notes = [style.BAND]
+        if table["t_s"].notna().any():
+            notes.append(DOT)
         if not table["sure"].all():
             notes.append(NOT_SURE)
         rows: list[dict[Any, Any]] = table.to_dict("records")

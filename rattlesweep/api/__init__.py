@@ -84,7 +84,7 @@ __all__ = [
 
 # Constants under which small oscillations grow or decay exponentially.
 LINEAR_LOSSES = tuple(
-    name for name, loss in LOSSES.items() if loss.takes_spin and name != "rolling"
+    name for name, loss in LOSSES.items() if loss.is_averaged and name != "rolling"
 )
 
 

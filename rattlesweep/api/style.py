@@ -26,6 +26,7 @@ from rattlesweep.analysis.style import (
     styled,
     thin,
     value_text,
+    with_room,
 )
 
 __all__ = [
@@ -51,4 +52,5 @@ __all__ = [
     "styled",
     "thin",
     "value_text",
+    "with_room",
 ]

@@ -19,6 +19,7 @@ from rattlesweep.cli.options import (
     say,
     tell,
     to_json,
+    warn,
 )
 from rattlesweep.system.console import align
 from rattlesweep.words.defaults import FINENESS, PATCH_FRICTION, PATCH_SPIN
@@ -96,7 +97,7 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
     # viscous friction needs none.
     mu = numbers.get("mu", COMMON_FRICTION)
     if friction is not None and friction > mu and not numbers.get("viscous"):
-        say(f"warning: {SLIPS_AT_REVERSAL.format(friction)}")
+        warn(SLIPS_AT_REVERSAL.format(friction))
     if figure is not None:
         from rattlesweep.analysis.onerun.sides import save_figure_of_mesh
 

@@ -19,6 +19,7 @@ from rattlesweep.cli.options import (
     probe_files,
     say,
     tell,
+    warn,
 )
 from rattlesweep.system.console import align, counted
 from rattlesweep.words.defaults import FRAMES_A_PERIOD
@@ -257,7 +258,7 @@ def _say_outcome(course: Course, quiet: bool, proof: str) -> int:
             text += f"; {course.slides_in_words}"
         say(text)
         if course.warning:
-            say(f"warning: {course.warning}")
+            warn(course.warning)
     if follower.status.label != "ok":
         say(f"the run failed: {follower.status.label}, {follower.status.meaning}")
         return SOME_FAILED

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.cli import options
-from rattlesweep.cli.options import Given, pick, say
+from rattlesweep.cli.options import Given, pick, warn
 from rattlesweep.words.errors import ConfigError, ConfigWarning, one_line
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def doubts_said() -> Iterator[None]:
         warnings.simplefilter("always", ConfigWarning)
         yield
     for doubt in doubts:
-        say(f"warning: {doubt.message}")
+        warn(str(doubt.message))
 
 
 def prepared_run(given: Given) -> PreparedRun:

@@ -145,6 +145,13 @@ def say(text: str) -> None:
     click.echo(printable(text), err=True)
 
 
+def warn(text: str) -> None:
+    """Print a warning to standard error, unless the command is to be quiet."""
+    context = click.get_current_context(silent=True)
+    if context is None or not context.params.get("quiet"):
+        say(f"warning: {text}")
+
+
 def tell(*lines: object) -> None:
     """Print lines to standard output, each of them safe for a terminal."""
     click.echo(as_lines(lines))

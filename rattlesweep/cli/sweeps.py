@@ -13,7 +13,7 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.options import COUNT, DONE, Kind, command, say, tell, to_json
+from rattlesweep.cli.options import COUNT, DONE, Kind, command, say, tell, to_json, warn
 from rattlesweep.system.console import Bar, counted
 from rattlesweep.system.shipped import documentation, example_names
 from rattlesweep.words.errors import ConfigError, check_names
@@ -176,7 +176,7 @@ def run(
     from rattlesweep.store.manifest import examine
     from rattlesweep.work.run import run_sweep
 
-    planned, directory = _planned(config, overrides, output, quiet)
+    planned, directory = _planned(config, overrides, output)
     if compile_only:
         _compile(planned)
         return DONE
@@ -480,7 +480,7 @@ def _print_summary(summary: pa.Table | None, directory: Path) -> None:
 
 
 def _planned(
-    path: Path, overrides: tuple[str, ...], output: Path | None, quiet: bool = False
+    path: Path, overrides: tuple[str, ...], output: Path | None
 ) -> tuple[Plan, Path]:
     """Return the plan of a config and its output directory; say what is doubtful."""
     from rattlesweep.config.read import load_config
@@ -489,9 +489,8 @@ def _planned(
 
     config = load_config(path, overrides)
     planned, doubts = checked_plan(config, path.resolve().parent)
-    if not quiet:
-        for doubt in doubts:
-            say(f"warning: {doubt}")
+    for doubt in doubts:
+        warn(doubt)
     return planned, output or as_path(config.directory, "output")
 
 
@@ -504,5 +503,5 @@ def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
     place = next(parent for parent in parents if parent.exists())
     free = shutil.disk_usage(place).free
     if expected.bytes > free:
-        say(f"warning: {place} has only {free / 1e9:.1f} GB free")
+        warn(f"{place} has only {free / 1e9:.1f} GB free")
     return expected

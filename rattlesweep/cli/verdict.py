@@ -16,8 +16,8 @@ from rattlesweep.cli.options import (
     command,
     pick,
     probe_files,
-    say,
     to_json,
+    warn,
 )
 from rattlesweep.words.defaults import (
     VERDICT_PUSH,
@@ -91,7 +91,7 @@ def verdict(
     advice: bool,
     figure: Path | None,
     as_json: bool,
-    quiet: bool,
+    quiet: bool,  # which `warn` reads
     **given: Any,
 ) -> int:
     """Tell whether a stone turns back in both directions, when, and how sure that is.
@@ -133,9 +133,8 @@ def verdict(
         click.echo(str(found))
     if figure is not None:
         found.plot(figure)
-    if not quiet:
-        for remark in found.remarks:
-            say(f"warning: {remark}")
+    for remark in found.remarks:
+        warn(remark)
     if (found.table["status"] != "ok").any():
         return SOME_FAILED
     return DONE

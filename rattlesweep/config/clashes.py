@@ -181,6 +181,14 @@ def _dissipation(config: Config) -> Iterator[Clash]:
             "the reduced model has no contact force, so no foot slides; take model: "
             "full, or leave mu out",
         )
+    if config.model == "reduced":
+        for name in losses.present:
+            if LOSSES[name].takes_spin and not LOSSES[name].is_averaged:
+                yield (
+                    f"dissipation.{name}",
+                    f"the reduced model has no average of {name} over swings; take "
+                    f"model: full, or leave {name} out",
+                )
 
 
 def _slipping(config: Config) -> Iterator[Clash]:

@@ -25,6 +25,7 @@ from rattlesweep.api.style import (
     separate_ticks,
     sized,
     styled,
+    with_room,
 )
 from rattlesweep.paper.claim import UNDECIDED, judge, read_rows_of
 from rattlesweep.paper.workspace import FULL_SIZES, Tables, Workspace
@@ -141,12 +142,18 @@ def _look(style: str | None, size: tuple[float, float] | None) -> dict[Any, Any]
 def _save(draw: Callable[[Tables], Figure], tables: Tables, paths: list[Path]) -> None:
     """Draw a figure in the size that is chosen, if any, and save it."""
     size = chosen_size()
-    with sized(size):
-        figure = draw(tables)
-        if size is not None:
+    if size is None:
+        save_figure(draw(tables), paths)
+        return
+
+    def drawn(size: tuple[float, float]) -> Figure:
+        with mpl.rc_context({"figure.figsize": size}), sized(size):
+            figure = draw(tables)
             separate_ticks(figure)
-            check_panels(figure, size)
-        save_figure(figure, paths)
+        check_panels(figure, size)
+        return figure
+
+    save_figure(with_room(drawn, size), paths)
 
 
 def tally(claims: Sequence[dict[str, Any]]) -> str:

@@ -97,6 +97,9 @@ class ActionConstant(Definition):
     takes_spin: bool = True
     # Whether a small oscillation about a spin has a rate of growth that theory knows.
     is_linear: bool = False
+    # Whether theory has its average over swings, for the reduced model and the growth
+    # rates of modes.  A run of the reduced model is refused with what has none.
+    is_averaged: bool = False
     # Where the search of a fit begins, and its limits; most 0: it is not fitted.  A
     # torque per spin begins at multiples of gamma over the time of the data.  What acts
     # more and more toward zero, and not at zero, has a lower limit.
@@ -338,6 +341,7 @@ _DISSIPATION = (
         letter="σ",
         optional=False,
         is_linear=True,
+        is_averaged=True,
         first_values=(0.03, 0.1, 0.3),
         most_fitted=10.0,
     ),
@@ -354,6 +358,7 @@ _DISSIPATION = (
         action="rolling",
         letter="rolling",
         optional=False,
+        is_averaged=True,
         first_values=(1e-4, 1e-3),
         most_fitted=1.0,
     ),
@@ -369,6 +374,7 @@ _DISSIPATION = (
         key="Torque against pivoting / normal force",
         action="pivoting",
         letter="pivot",
+        is_averaged=True,
         first_values=(1e-4, 1e-3),
         most_fitted=1.0,
     ),
@@ -383,6 +389,7 @@ _DISSIPATION = (
         "word mu: that of slides",
         action="creep",
         letter="creep",
+        is_averaged=True,
         first_values=(0.2, 0.4),
         least_fitted=0.01,
         most_fitted=10.0,
@@ -399,6 +406,7 @@ _DISSIPATION = (
         key="Friction / speed at which the foot slips; 0: it does not slip",
         action="slip",
         letter="k",
+        is_averaged=True,
         first_values=(30.0, 300.0),
         least_fitted=0.1,
         most_fitted=1e6,

@@ -18,6 +18,7 @@ from refusal import assert_refused
 from sweeping import ROOT, invoke, sweep
 
 import rattlesweep as rs
+from rattlesweep.analysis import style
 from rattlesweep.analysis.style import LEAST_SIZE, SERIES
 
 SPINS = [0.1, 0.2, 0.3, 0.4, 0.5]
@@ -296,9 +297,46 @@ def test_numbers_of_narrow_panels_stand_apart(out):
         assert not box.overlaps(other)
 
 
+@pytest.mark.parametrize("width", [85, 125, 180])
+def test_headings_of_narrow_panels_neither_touch_nor_leave_the_figure(width):
+    """A letter, a launch and a long legend, as in figures of the paper."""
+    size = (width * MM, 3.0)
+    with style.styled(), style.sized(size):
+        figure = style.new_figure(*size)
+        for letter, axes in zip("ab", figure.subplots(1, 2), strict=True):
+            axes.plot([0, 1], [0, 1])
+            axes.set_title(f"({letter}-1)", loc="left")
+            axes.set_title(r"GH, $n_i$ = -0.1, $\omega_{xy0}$ = 0.01")
+        ways = ("in both", "in the unsteady direction only", "in neither")
+        style.add_legend(figure, [style.entry(way, marker="o") for way in ways])
+        style.fit_texts(figure)
+    style.check_panels(figure, size)
+    assert style.misplaced_texts(figure) == []
+    for axes in figure.axes:
+        said = axes.get_title(loc="left") + axes.get_title()
+        assert "-1)" in said
+        assert "0.01" in said
+        assert axes.title.get_window_extent().width <= axes.bbox.width + 1
+        assert axes.title.get_fontsize() >= LEAST_SIZE
+
+
+def test_a_figure_whose_headings_touch_is_refused():
+    size = (85 * MM, 3.0)
+    with style.styled():
+        figure = style.new_figure(*size)
+        for axes in figure.subplots(1, 3):
+            axes.set_title("a heading without any comma")
+    with pytest.raises(rs.ConfigError, match="give more width"):
+        style.check_panels(figure, size)
+
+
 def test_a_size_without_room_is_refused(out):
-    command = ("plot", out / "down", "--kind", "fractions", "--size", "1.5,1")
-    assert_refused(invoke(*command), 2, "do not fit into 1.5 x 1 inches")
+    command = ("plot", out / "down", "--kind", "fractions", "--size")
+    assert_refused(invoke(*command, "1.5,1"), 2, "do not fit into 1.5 x 1 inches")
+    refused = invoke(*command, "3.35,1.2")
+    # It names a height that does.
+    enough = re.search(r"give (3\.35,[\d.]+), select", refused.stderr)[1]
+    assert invoke(*command, enough).exit_code == 0
 
 
 def test_a_map_has_no_panel_of_one_colour(tmp_path):

@@ -697,6 +697,50 @@ def test_films_are_fitted_together_with_a_launch_each(tmp_path):
         rs.fit(BODY, films, free="n_i", launch={"omega_xy0": "9 rpm"})
 
 
+@pytest.mark.parametrize("seed", [1, 3, 7])
+def test_friction_is_not_surer_than_a_push_that_a_film_hardly_shows(seed):
+    """The smaller the push, the larger the friction that fits a steady spin.
+
+    A search from these films goes on to a push of zero, where friction seems sure.
+    """
+    run = launch_of(BODY, n_i="-70 rpm", omega_xy0="8 rpm", sigma="5e-7 N m s")
+    film = synthetic_film(run, "1.5 s", 60, noise="0.5 deg", seed=seed)
+    fit = rs.fit(BODY, film, free=FREE)
+    low, high = fit.intervals["sigma"]
+    assert low <= run.losses["sigma"] <= high
+    assert low < 0.6 * high
+
+
+@pytest.mark.slow
+def test_an_interval_of_films_that_a_limit_cuts_off_ends_where_chi_squared_says():
+    """Films without friction: the parabola would reach below zero.
+
+    At a fixed friction each film can be fitted alone, and chi squared of all is a sum.
+    """
+    films = []
+    for n_i, push in (("90 rpm", "9 rpm"), ("-70 rpm", "8 rpm")):
+        run = launch_of(BODY, n_i=n_i, omega_xy0=push, sigma="0 N m s")
+        films.append(synthetic_film(run, "1.5 s", 60, noise="0.5 deg", seed=4))
+    joint = rs.fit(BODY, films, free=FREE, error="0.5 deg")
+    low, high = joint.intervals["sigma"]
+    assert low == 0
+
+    def chi_squared(sigma):
+        return sum(
+            rs.fit(
+                BODY,
+                film,
+                free=["n_i", "omega_xy0"],
+                error="0.5 deg",
+                sigma=f"{sigma!r} M a^2 sqrt(g/a)",
+            ).chi_squared
+            for film in films
+        )
+
+    rise = chi_squared(high) - chi_squared(joint.values["sigma"])
+    assert rise == pytest.approx(1.96**2, rel=0.02)
+
+
 def test_a_plan_tells_the_intervals_of_a_film(tmp_path):
     stone = tmp_path / "stone.yaml"
     text = STONE.read_text().replace("100 rpm", "98 rpm, omega_xy0: 10 rpm")

@@ -95,9 +95,9 @@ def test_all_of_a_sweep_is_there(sweeps, pages):
         "Mean",
         "Histogram",
     ]
-    # Those of many panels have another picture for a narrow screen.
+    # Each has another picture for a narrow screen, with letters that one can read.
     narrow = [of for tag, of in page.tags if tag == "source"]
-    assert [of["media"] for of in narrow] == 2 * ["(max-width: 40rem)"]
+    assert [of["media"] for of in narrow] == 4 * ["(max-width: 40rem)"]
     urls = [picture["src"] for picture in pictures]
     assert not {of["srcset"] for of in narrow} & {*urls}
     # Columns of the summary are named in words, with the names below.

@@ -1,5 +1,7 @@
 """The key `dissipation.mu`: cases, columns, tables, and what it excludes."""
 
+from dataclasses import replace
+
 import pandas as pd
 import pytest
 
@@ -7,6 +9,7 @@ import rattlesweep as rs
 from rattlesweep.config.read import parse_config, physics_hash
 from rattlesweep.design.bodies.table import frame_bodies
 from rattlesweep.design.plan import make_plan
+from rattlesweep.words.quantities import LOSSES
 
 BASE = {
     "bodies": {"source": "preset", "name": "GH"},
@@ -98,6 +101,16 @@ def test_rules_on_what_acts_wait_for_the_columns_of_a_table():
 def test_a_bad_value_is_refused(mu, message):
     with pytest.raises(rs.ConfigError, match=f"dissipation.*{message}"):
         config_of({"mu": mu})
+
+
+def test_a_law_without_an_average_is_refused_in_the_reduced_model(monkeypatch):
+    config_of({"rolling": 1e-3}, model="reduced")
+    # A new law has none, as long as nobody has written it.
+    law = replace(LOSSES["rolling"], is_averaged=False)
+    monkeypatch.setitem(LOSSES, "rolling", law)
+    with pytest.raises(rs.ConfigError, match="no average of rolling over swings"):
+        config_of({"rolling": 1e-3}, model="reduced")
+    config_of({"rolling": 1e-3})
 
 
 @pytest.mark.parametrize(

@@ -74,6 +74,21 @@ COMMANDS = {
 }
 
 
+@pytest.mark.parametrize("quiet", [False, True])
+def test_a_quiet_command_prints_no_warning_of_its_body(tmp_path, quiet):
+    """A body of equal radii, whose axes of curvature are badly known."""
+    mesh = tmp_path / "round.stl"
+    made = invoke("stl", "--half-ellipsoid", "5cm,4.9cm,1cm", "--output", mesh, "-q")
+    assert made.exit_code == 0, made.stderr
+    again = tmp_path / "again.json"
+    options = ["--mesh", mesh, "--mass", "20g", "--n-i", 0, "--omega-xy0", "6 rpm"]
+    given = [*options, "--t-end", "1 ms", "--output", again, *(["-q"] if quiet else [])]
+    done = invoke("export", *given)
+    assert done.exit_code == 0, done.stderr
+    assert ("warning: the radii" in done.stderr) is not quiet
+    assert not quiet or not done.stderr
+
+
 def test_help_lists_every_command_with_a_whole_sentence():
     sections = invoke("--help").stdout.split("--help ")[1].split("To begin with:")[0]
     assert set(re.findall(r"^  (\w+) ", sections, re.MULTILINE)) == COMMANDS

@@ -202,6 +202,7 @@ def test_files_units_and_points(tmp_path):
         ({"mass": "60 kg"}, "density"),
         ({"mass": None}, "mass or density"),
         ({"points": [("7.5 g", (0.045, -0.009, 0))]}, "if m is meant"),
+        ({"points": [{"mass": "7.5 g", "at": (45, -9, 0)}]}, "give mass and place"),
         ({"path": tmp_path / "none.stl"}, "No such file"),
     ]
     for change, words in wrong:

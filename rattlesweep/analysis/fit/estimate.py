@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -46,8 +47,21 @@ class Searched:
         return float((self.residuals**2).sum())
 
 
+class Searchable(Protocol):
+    """Residuals that a search makes small: those of one film, or of several."""
+
+    def residuals(self, x: Floats) -> Floats:
+        """Return the residuals over their standard errors."""
+
+    def limits(self) -> tuple[Floats, Floats]:
+        """Return the lowest and the highest ``x``."""
+
+    def rough_slopes(self, x: Floats, here: Floats, places: Sequence[int]) -> Floats:
+        """Return columns of the Jacobian where the residuals are `here`."""
+
+
 def minimise(
-    problem: FitProblem,
+    problem: Searchable,
     x: Floats,
     accuracy: float,
     steps: int,
@@ -100,7 +114,7 @@ class _Slopes:
     that it would have told it (Broyden 1965), which takes no trial.
     """
 
-    def __init__(self, problem: FitProblem, x: Floats, places: list[int]) -> None:
+    def __init__(self, problem: Searchable, x: Floats, places: list[int]) -> None:
         self.problem = problem
         self.places = places
         self._x = x
@@ -242,6 +256,11 @@ class Estimate:
             jacobian=self.search.jacobian * factors[:, None],
         )
         return Estimate.of(replace(self.problem, noise=noise), search)
+
+    @property
+    def squares(self) -> float:
+        """The least sum of squares."""
+        return self.search.squares
 
     @property
     def standard_errors(self) -> Floats:

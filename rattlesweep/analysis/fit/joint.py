@@ -16,6 +16,7 @@ import numpy as np
 from rattlesweep.analysis.fit import doubts
 from rattlesweep.analysis.fit.measured import of_body
 from rattlesweep.analysis.fit.problem import FITTABLE, FitProblem
+from rattlesweep.analysis.fit.profile import ends_by_profile, ranges_along
 from rattlesweep.analysis.fit.result import Fit, unit_for_people
 from rattlesweep.arrays import Floats
 from rattlesweep.words.errors import ConfigError
@@ -78,7 +79,7 @@ class JointFit:
     @property
     def table_as_text(self) -> str:
         """The table as the command prints it."""
-        return self.table.to_string(float_format="{:.5g}".format)
+        return self.table.to_string(float_format="{:.5g}".format, na_rep="-")
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw data, fit and residuals of all films, and write them to a `path`."""
@@ -134,6 +135,17 @@ class Together:
             for name in self.problems[film].scales
         ]
 
+    def is_given(self, name: str) -> bool:
+        """Return whether a parameter was measured otherwise, with an error."""
+        return any(_plain(name) in problem.priors for problem in self.problems)
+
+    def spin_of(self, x: Floats, name: str) -> float:
+        """Return the size of the spin of the film that a parameter is of."""
+        film = int(name.rpartition("_")[2]) - 1
+        problem = self.problems[film]
+        values = problem.values(x[self.places(film)])
+        return abs(values.get("n_i", problem.launch.n_i or math.inf))
+
     def residuals(self, x: Floats) -> Floats:
         """Return the residuals of all films over their noise."""
         parts = [
@@ -153,6 +165,25 @@ class Together:
             blocks.append(block)
         return np.concatenate(blocks)
 
+    def rough_slopes(self, x: Floats, here: Floats, wanted: Sequence[int]) -> Floats:
+        """Return the columns `wanted` of the Jacobian by differences on one side.
+
+        The residuals at ``x`` are known, `here`.
+        """
+        columns = np.zeros((len(here), len(wanted)))
+        first = 0
+        for film, problem in enumerate(self.problems):
+            places = self.places(film)
+            last = first + problem.rows + len(problem.priors)
+            # A film says nothing of the launches of the others.
+            own = [k for k, place in enumerate(wanted) if place in places]
+            if own:
+                of_film = [places.index(wanted[k]) for k in own]
+                slopes = problem.rough_slopes(x[places], here[first:last], of_film)
+                columns[first:last, own] = slopes
+            first = last
+        return columns
+
     def limits(self) -> tuple[Floats, Floats]:
         """Return the lowest and the highest ``x``."""
         low = np.zeros(len(self.names))
@@ -160,6 +191,53 @@ class Together:
         for film, problem in enumerate(self.problems):
             low[self.places(film)], high[self.places(film)] = problem.limits()
         return low, high
+
+
+@dataclass(frozen=True)
+class Best:
+    """The best parameters of all films, and how well they are known."""
+
+    problem: Together
+    x: Floats
+    squares: float
+    standard_errors: Floats
+    quantiles: Floats
+
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Return the 95 % interval of each parameter.
+
+        Where a limit cuts the parabola of chi squared off, or where it ends anywhere,
+        as that of the logarithm of a push that is hardly known, the profile has it.
+        """
+        limits = self.problem.limits()
+        half_width = self.quantiles * self.standard_errors
+        low = self.x - half_width
+        high = self.x + half_width
+        by_profile = (low < limits[0]) | (high > limits[1])
+        names = self.problem.names
+        is_push = np.array([_plain(name) == "omega_xy0" for name in names])
+        by_profile |= is_push & (half_width > doubts.VAGUE)
+        by_profile &= [not self.problem.is_given(name) for name in names]
+        lows = _values(self.problem, np.clip(low, *limits))
+        highs = _values(self.problem, np.clip(high, *limits))
+        for place in np.flatnonzero(by_profile).tolist():
+            name = names[place]
+            ends = ends_by_profile(self, place)
+            lows[name], highs[name] = (_values(self.problem, end)[name] for end in ends)
+        for place in np.flatnonzero(by_profile & is_push).tolist():
+            # Other values go with other pushes, and the parabola at one does not know.
+            lowest, highest = (
+                _values(self.problem, np.clip(end, *limits))
+                for end in ranges_along(self, place)
+            )
+            for name in names:
+                lows[name] = min(lows[name], lowest[name])
+                highs[name] = max(highs[name], highest[name])
+            push = names[place]
+            if highs[push] > self.problem.spin_of(self.x, push):
+                # Any push fits, which is no interval.
+                lows[push] = highs[push] = math.nan
+        return {name: (lows[name], highs[name]) for name in names}
 
 
 def fit_together(fits: Sequence[Fit]) -> JointFit:
@@ -238,8 +316,9 @@ def fit_together(fits: Sequence[Fit]) -> JointFit:
     freedom = float(len(result.fun) - len(x) - directions)
     is_known = all(problem.film.error is not None for problem in problems)
     quantile = float(student.ppf(0.975, math.inf if is_known else freedom))
-    ends = [result.x - quantile * errors, result.x, result.x + quantile * errors]
-    low, value, high = (_values(together, np.clip(x, *together.limits())) for x in ends)
+    value = _values(together, result.x)
+    squares = float((result.fun**2).sum())
+    best = Best(together, result.x, squares, errors, np.full(len(x), quantile))
     slope = {
         name: value[name] if _plain(name) == "omega_xy0" else one
         for name, one in _values(together, np.ones(len(x))).items()
@@ -250,7 +329,7 @@ def fit_together(fits: Sequence[Fit]) -> JointFit:
         remarks.append(f"the search did not settle within {_MOST_STEPS} steps")
     return JointFit(
         values=value,
-        intervals={name: (low[name], high[name]) for name in value},
+        intervals=best.intervals(),
         covariance=pd.DataFrame(
             scaled @ scaled.T, index=together.names, columns=together.names
         ),

@@ -7,12 +7,13 @@ import warnings
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 import pandas as pd
 
-from rattlesweep.analysis.fit.estimate import Estimate, minimise
+from rattlesweep.analysis.fit.doubts import directions_of
+from rattlesweep.analysis.fit.estimate import Estimate, Searchable, minimise
 from rattlesweep.arrays import Floats
 from rattlesweep.words.errors import ConfigWarning
 
@@ -25,7 +26,12 @@ _STEP = 0.4
 # A profile ends where this root is larger than at the end of the interval by a factor.
 _BEYOND = 1.3
 MOST_PROFILE_POINTS = 40  # on each side
+# Most and least step as a share of the range of a parameter: where chi squared is flat,
+# a longer one would pass over the end of the interval.
+_WIDEST = 0.05
+_NARROWEST = 0.005
 _MOST_STEPS = 30  # of a search
+_TINY = 1e-100
 _CLOSE = 1e-3  # of the ends of the interval, in standard errors
 # A decrease of chi squared by which another fit is better, and not the same again.
 BETTER = 0.05
@@ -37,13 +43,39 @@ class ProfilePoint(NamedTuple):
     x: Floats
     # Of the increase of chi squared; infinite where no run succeeds.
     root: float
+    # Standard errors of the others at this value, zero of the parameter itself.
+    errors: Floats
+
+
+class Fitted(Protocol):
+    """The best parameters of one film or of several, and how well they are known."""
+
+    @property
+    def problem(self) -> Searchable:
+        """The residuals."""
+
+    @property
+    def x(self) -> Floats:
+        """The best parameters."""
+
+    @property
+    def squares(self) -> float:
+        """The least sum of squares."""
+
+    @property
+    def standard_errors(self) -> Floats:
+        """Standard errors of ``x``."""
+
+    @property
+    def quantiles(self) -> Floats:
+        """Half the width of each 95 % interval, in standard errors."""
 
 
 @dataclass(frozen=True)
 class Profile:
     """Searches along the parameter at one place of ``x``."""
 
-    estimate: Estimate
+    estimate: Fitted
     place: int
 
     @property
@@ -57,16 +89,22 @@ class Profile:
         x = start.copy()
         x[self.place] = value
         others = [place for place in range(len(x)) if place != self.place]
+        errors = np.zeros(len(x))
         residuals = problem.residuals(x)
         if not np.isfinite(residuals).all():
-            return ProfilePoint(x, math.inf)
+            return ProfilePoint(x, math.inf, errors)
         if others:
             search = minimise(problem, x, 1e-8, _MOST_STEPS, others)
             x = search.x
             residuals = search.residuals
-        increase = float((residuals**2).sum()) - self.estimate.search.squares
+            lengths = np.maximum(np.linalg.norm(search.jacobian, axis=0), _TINY)
+            spread, _, _ = directions_of(search.jacobian / lengths)
+            errors[others] = np.linalg.norm(spread, axis=1) / lengths
+        increase = float((residuals**2).sum()) - self.estimate.squares
         # A decrease, where the fit was not the best, is a negative root.
-        return ProfilePoint(x, math.copysign(math.sqrt(abs(increase)), increase))
+        return ProfilePoint(
+            x, math.copysign(math.sqrt(abs(increase)), increase), errors
+        )
 
     def side(self, sign: int) -> list[ProfilePoint]:
         """Return points from the best fit on, in steps of the root of chi squared."""
@@ -74,10 +112,11 @@ class Profile:
         limits = self.estimate.problem.limits()
         best = self.estimate.x
         limit = limits[int(sign > 0)][place]
-        # Where the data tell nothing, the first step is a share of the range.
+        # Where the data tell nothing, a step is a share of the range.
         error = self.estimate.standard_errors[place]
-        step = _STEP * min(error, 0.1 * abs(limit - best[place]))
-        points = [ProfilePoint(best, 0.0)]
+        width = float(limits[1][place] - limits[0][place])
+        step = min(_STEP * error, _WIDEST * width)
+        points = [self.at(best[place], best)]
         slope = np.zeros(len(best))
         while len(points) <= MOST_PROFILE_POINTS and points[-1].x[place] != limit:
             last = points[-1]
@@ -88,13 +127,16 @@ class Profile:
             distance = abs(value - last.x[place])
             point = self.at(value, np.clip(last.x + slope * distance, *limits))
             if not math.isfinite(point.root):
-                break
+                step /= 2
+                if step < _NARROWEST * width:
+                    break
+                continue
             points.append(point)
             if point.root > _BEYOND * self.quantile:
                 break
             slope = (point.x - last.x) / distance
             rise = max(point.root - last.root, _STEP / 2)
-            step *= _STEP / rise
+            step = min(step * _STEP / rise, _WIDEST * width)
         return points
 
     def end(self, points: list[ProfilePoint]) -> ProfilePoint:
@@ -125,11 +167,29 @@ class Profile:
         return between(value)
 
 
-def interval_of(estimate: Estimate, name: str) -> tuple[float, float]:
-    """Return the 95 % interval of a parameter by its profile."""
-    profile = Profile(estimate, list(estimate.problem.scales).index(name))
-    ends = [profile.end(profile.side(sign)) for sign in (-1, 1)]
-    low, high = (estimate.values(end.x)[name] for end in ends)
+def ends_by_profile(estimate: Fitted, place: int) -> tuple[Floats, Floats]:
+    """Return ``x`` at both ends of the 95 % interval of a parameter by its profile."""
+    profile = Profile(estimate, place)
+    low, high = (profile.end(profile.side(sign)) for sign in (-1, 1))
+    return low.x, high.x
+
+
+def ranges_along(estimate: Fitted, place: int) -> tuple[Floats, Floats]:
+    """Return the ends of the 95 % intervals of all ``x`` along one of them.
+
+    At each of its values, the others have an interval of their own, which is the
+    narrower, the higher chi squared is there.  The ends are those of all together.
+    """
+    profile = Profile(estimate, place)
+    points = [point for sign in (-1, 1) for point in profile.side(sign)]
+    low = np.full(len(estimate.x), math.inf)
+    high = -low
+    for point in points:
+        left = estimate.quantiles**2 - point.root * abs(point.root)
+        reach = point.errors * np.sqrt(np.maximum(left, 0.0))
+        is_within = left >= 0
+        low = np.where(is_within, np.minimum(low, point.x - reach), low)
+        high = np.where(is_within, np.maximum(high, point.x + reach), high)
     return low, high
 
 

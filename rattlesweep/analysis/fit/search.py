@@ -25,7 +25,7 @@ from rattlesweep.analysis.fit.estimate import (
 from rattlesweep.analysis.fit.film import Film
 from rattlesweep.analysis.fit.measured import MeasuredBody, Prior, of_body
 from rattlesweep.analysis.fit.problem import FITTABLE, SIZES, FitProblem
-from rattlesweep.analysis.fit.profile import interval_of
+from rattlesweep.analysis.fit.profile import ends_by_profile, ranges_along
 from rattlesweep.analysis.fit.result import Fit, in_words, unit_for_people
 from rattlesweep.analysis.fit.scan import searches_of_times
 from rattlesweep.analysis.fit.series import FILM_STEPS, searches_of_series
@@ -152,6 +152,10 @@ def fit_run(
         best = polish(problem, again)
         estimate = settle_noise(problem, best, FILM_STEPS)
         rises, ends = rises_of(estimate)
+    other = _of_another_push(estimate)
+    if other is not None:
+        estimate = settle_noise(estimate.problem, other, FILM_STEPS)
+        rises, ends = rises_of(estimate)
     residuals = estimate.search.residuals[: problem.rows]
     off = residuals * estimate.problem.errors
     places = doubts.outliers_of(film, off)
@@ -170,6 +174,26 @@ def fit_run(
     # Where no valley has been found, none is compared with others.
     remarks += misfits or _doubts_of_valley(estimate, searches, rises)
     return _result(estimate, remarks)
+
+
+def _of_another_push(estimate: Estimate) -> Searched | None:
+    """Return a better search from a push of usual size, if the data hardly tell it.
+
+    A search may go on to smaller and smaller pushes, where chi squared is flat.
+    """
+    problem = estimate.problem
+    push = advised_push(estimate)
+    if "omega_xy0" not in problem.scales or push is None:
+        return None
+    place = list(problem.scales).index("omega_xy0")
+    if estimate.half_widths[place] <= doubts.VAGUE:
+        return None
+    x = estimate.x.copy()
+    x[place] = math.log(push.value)
+    search = minimise(problem, x, 1e-8, FILM_STEPS, again=2)
+    if not search.squares < estimate.search.squares:
+        return None
+    return polish(problem, search)
 
 
 def planned_fit(
@@ -321,7 +345,16 @@ def _result(
             by_profile.add("omega_xy0")
             push = advised_push(estimate)
         for name in sorted(by_profile):
-            low[name], high[name] = interval_of(estimate, name)
+            ends = ends_by_profile(estimate, names.index(name))
+            low[name], high[name] = (estimate.values(end)[name] for end in ends)
+        if "omega_xy0" in by_profile:
+            # Other values go with other pushes, and the parabola at one does not know.
+            ends = ranges_along(estimate, names.index("omega_xy0"))
+            lows, highs = (estimate.values(np.clip(end, *limits)) for end in ends)
+            for name in names:
+                if name != "omega_xy0":
+                    low[name] = min(low[name], lows[name])
+                    high[name] = max(high[name], highs[name])
         spin = abs(estimate.values(best.x).get("n_i", problem.launch.n_i or math.inf))
         if "omega_xy0" in by_profile and high["omega_xy0"] > spin:
             # Any push fits, which is no interval.

@@ -256,13 +256,17 @@ class Picture(ABC):
         `labels` replace texts; see :mod:`rattlesweep.analysis.labels`.
         """
         self._check_runs()
-        size = size or style.chosen_size()
-        with style.sized(size):
-            figure = self._drawn(title, log, caption, size, xlim, ylim, labels)
-            style.separate_ticks(figure)
-        if size is not None:
-            style.check_panels(figure, size)
-        return figure
+
+        def drawn(size: tuple[float, float] | None) -> Figure:
+            with style.sized(size):
+                figure = self._drawn(title, log, caption, size, xlim, ylim, labels)
+                style.separate_ticks(figure)
+            if size is not None:
+                style.check_panels(figure, size)
+            return figure
+
+        wanted = size or style.chosen_size()
+        return drawn(None) if wanted is None else style.with_room(drawn, wanted)
 
     def _drawn(
         self,

@@ -175,13 +175,13 @@ def _direction(up: Sequence[float]) -> Floats:
 def _point(each: Any, scale: float, unit: str, solid: Solid) -> tuple[float, Floats]:
     """Return mass and place of a point; plain numbers of a place are in `unit`."""
     shown = one_line(repr(each), 60)
-    try:
-        mass, place = each
-    except (TypeError, ValueError):
+    # A mapping of two keys would unpack to their names.
+    if not isinstance(each, list | tuple) or len(each) != 2:
         raise ValueError(
-            f"points: {shown} is no point; give (mass, (x, y, z)), as in ('7.5 g', "
-            "(45, -9, 12))"
-        ) from None
+            f"points: {shown} is no point; give mass and place, as in "
+            "[7.5 g, [45, -9, 12]]"
+        )
+    mass, place = each
     weight = si.size(mass, "mass", "points")
     if isinstance(place, str):
         try:
