@@ -1,4 +1,4 @@
-"""Single runs: their launches, and their outcomes."""
+"""Runs of bodies from their launches: one, or one for each entry of arrays."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def simulate(
 ) -> pd.DataFrame: ...
 
 
-# An array may hold one number.
+# An array may hold one number, so that only the call tells what comes of it.
 @overload
 def simulate(
     body: BodiesLike,
@@ -190,7 +190,8 @@ def simulate(
     progress : bool, optional
         Whether to show a bar, by default in a terminal and in a notebook.
     **settings
-        Dissipation and integrator, by the names of the config's keys:
+        Dissipation, a plane that shakes, and the integrator, by the names of the
+        config's keys; only ``dt`` is ``dt_step`` here:
 
         - ``sigma`` : array_like, coefficient of a torque ``-sigma omega``, in ``M a^2
           sqrt(g/a)``
@@ -308,7 +309,7 @@ def _rows_of_runs(columns: Mapping[str, Floats]) -> TableBodies:
         name: others.pop(name) for name in arguments.SIZE_COLUMNS if name in columns
     }
     if units is None:
-        # A mass alone is no size.
+        # Without units, no size is known: at most a mass is, which is none.
         sizes = {name: size for name, size in sizes.items() if name == "rim"}
     return TableBodies(others, units, sizes)
 

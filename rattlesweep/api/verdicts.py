@@ -74,7 +74,7 @@ class Verdict:
         error is below 1e-3 of the time.
 
     `remarks` are sentences on what the table does not show.  `advice`, a DataFrame,
-    says what would make launches turn back with all friction, each by a run:
+    says what would make launches turn back with all friction; each row is a run:
 
     ``direction``, ``spin_rpm``
         The launch: the smallest spin found that turns back, or one that does not.

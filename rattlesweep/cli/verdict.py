@@ -100,8 +100,8 @@ def verdict(
     describe the body. Each launch runs without friction, and once more with the
     friction of STONE or of the options.  It turns back if the spin on the other side
     exceeds a quarter of the launch.  Where STONE has errors, as in 60 +- 1 g, stones
-    drawn from them tell how sure the verdict is. At the end, the table says what would
-    make it turn back, each by a run. docs/verdict.md explains the tables.
+    drawn from them tell how sure the verdict is. A second table says what would make it
+    turn back; each of its rows is a run. docs/verdict.md explains the tables.
     Exits with 3 if a run ends with a status other than ok, as where a stone rolls past
     its rim.
     """
@@ -115,6 +115,7 @@ def verdict(
             f"{stone}: base: a verdict is about a plane at rest; leave base out"
         )
     body = known["body"]
+    # Those of the options replace those of STONE.
     losses = pick(known, *LOSSES) | losses
     with names_of_options(("spin", "push", "t_end", "samples", "length", *LOSSES)):
         found = verdict_on(

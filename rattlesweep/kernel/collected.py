@@ -1,8 +1,8 @@
 """What nouns bring to a lane and to the results of a run, collected in one place.
 
-A noun declares it beside its code, as classes: the fields that a lane has for it, what
-it adds to the results of every run (`runs.RunResults`) or to those of a mode, and what
-may be recorded of it, with the shape of the table of a run.
+A noun declares this beside its code, in classes: ``Fields`` that a lane has for it,
+``Results`` that it adds to those of every run, or to those of runs with a mode, and a
+``Record`` of what may be recorded of it, with the shape of the table of a run.
 """
 
 from collections import namedtuple
@@ -41,7 +41,7 @@ OF_EVERY_LANE = (
 
 @cache
 def layout_of(model: Model | None) -> Layout:
-    """Return the rows of the lanes of a model, or of those that all models share."""
+    """Return the rows of the lanes of a model; of None, those that all models share."""
     if model is None:
         return Layout(OF_EVERY_LANE)
     ends: list[type] = [kinds.MotionFields, tangents.TangentFields]
@@ -70,9 +70,10 @@ def layout_of(model: Model | None) -> Layout:
 
 @dataclass(frozen=True)
 class ModeResults(slides.SlideResults, pivots.RestResults):
-    """What modes add to the results of a run; without rows if a model lacks them."""
+    """What modes add to the results of runs; no rows of a mode that the model lacks."""
 
 
+# Types of the numbers in these arrays, by name.
 MODE_RESULTS = {
     name: runs.NUMBER_OF[kind] for name, kind in get_type_hints(ModeResults).items()
 }
@@ -93,6 +94,7 @@ class Recorded(
     """
 
 
+# Rows and columns of the table of a run, by name.
 SHAPES = {
     name: kind.__metadata__[0]
     for name, kind in get_type_hints(Recorded, include_extras=True).items()

@@ -260,8 +260,7 @@ class Samples:
 
     t: Floats  # in sqrt(a/g)
     y: Floats  # in the model's variables
-    # Columns SLIP_SPEED, ... of `state.lane.Slip`; the speed is zero where the
-    # body rolls.
+    # Columns SLIP_SPEED, ... of `state.fields`; the speed is zero where the body rolls.
     slip: Floats
     # Of a body with pivoting friction: sign of the spin from there on, 0 while it is
     # held.
@@ -548,7 +547,7 @@ class Follower:
     def _rotations(
         self, which: Integers, offset: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """Return what :func:`attitude.after` takes, since rows of the table."""
+        """Return what :func:`rotations.after` takes, since rows of the table."""
         y, _ = self._between(1, which, offset)
         n_given = self._batch.y0.shape[1]
         ends = y[:, :n_given]

@@ -433,6 +433,8 @@ def start(problem, traits, w, l, run, inputs):
 @njit(**INNER)
 def hold_values(lane):
     """Let what is known of the end of a step be what is known of its start."""
+    # The amplitude at the start is not kept.  The largest since the last comparison
+    # stands for it, since this changes no maximum.
     lane.n1 = lane.n0
     lane.rate1 = lane.rate0
     lane.amplitude = lane.a_max
@@ -451,9 +453,9 @@ def hold_back(problem, traits, w, l):
 
 @njit(**INNER)
 def keep_end(problem, traits, w, l):
-    """Keep the end of the step just tried while shorter ones are tried for its peaks.
+    """Keep the end of the step just tried, while a search in it tries shorter ones.
 
-    These are the rows of `END_OF_STEP`, and then those that the model has there.
+    Kept are the rows of `END_OF_STEP`, and then those that the model has there.
     """
     lanes = problem.lanes
     kept = traits.kept * lanes + l
@@ -467,7 +469,7 @@ def keep_end(problem, traits, w, l):
 
 @njit(**INNER)
 def restore_end(problem, traits, w, l):
-    """Let the step just tried be the one whose end was kept."""
+    """Let the end that :func:`keep_end` kept be that of the step just tried again."""
     lanes = problem.lanes
     kept = traits.kept * lanes + l
     for row in problem.rows_of_end:

@@ -20,30 +20,31 @@ from rattlesweep.system.processors import start_thread
 _T = TypeVar("_T")
 # Seconds between two checks of a running call, in every wait of the package.
 POLL = 0.05
-PATIENCE = 0.5  # seconds for which a stop waits; a compilation takes longer
+# Seconds for which a stop waits.  A compilation may go on longer, in its daemon thread.
+PATIENCE = 0.5
 
 
 @dataclass
 class Control:
     """Link to a running kernel, or several in turn: reports progress, and stops it."""
 
-    # For the present kernel: next place in the queue and stop flag; a row of progress
-    # for each thread (see `kernel.turn.work_off`); expected cost of all runs.
+    # Next place in the queue of the present kernel, and the stop flag.
     shared: NDArray[np.int64] = field(
         default_factory=lambda: np.zeros(2, dtype=np.int64)
     )
+    # A row for each thread of the present kernel: the expected cost of its runs that
+    # have ended, the part done of those in its lanes, and the number of runs that have
+    # ended (the columns COST_DONE, ... of `kernel.turn`).  The others are not used.
     progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
-    _cost: float = 0.0
-    # Largest share done so far; number of runs that earlier kernels ended; the shares
-    # of the work between which this kernel works, and whether the runs that it ends
-    # count as done.
-    _most: float = 0.0
-    _ended: int = 0
+    _cost: float = 0.0  # expected cost of all runs of the present kernel
+    _most: float = 0.0  # largest share of the work done so far
+    _ended: int = 0  # runs that count as done, from before the present kernel
+    # Shares of the work between which the present kernel works.
     _span: tuple[float, float] = (0.0, 1.0)
-    _counts: bool = True
+    _counts: bool = True  # whether runs that it ends count as done
 
     def stop(self) -> None:
-        """Ask the kernel to stop, which it does within 256 tried steps."""
+        """Ask the kernel to stop, which it does within 256 turns of a thread."""
         self.shared[1] = 1
 
     def stage(self, low: float, high: float, *, ends: bool = False) -> None:
@@ -62,7 +63,7 @@ class Control:
         self.stage(self._span[1], self._span[1])
 
     def divided(self, shares: Sequence[float]) -> Iterator[None]:
-        """Divide the present stage by shares of its work, and announce each part."""
+        """Divide the present stage by shares of its work; announce each, then yield."""
         if len(shares) == 1:
             yield
             return
@@ -124,7 +125,7 @@ class Task(threading.Thread, Generic[_T]):
     ) -> None:
         super().__init__(daemon=True)
         self.control = control or Control()
-        self.seconds = 0.0
+        self.seconds = 0.0  # how long the call took, once it has returned
         self._call = call
         # After Ctrl-C in `join`, Python 3.11 reports a running thread as ended; a
         # future is safe.
@@ -148,7 +149,10 @@ class Task(threading.Thread, Generic[_T]):
         futures.wait([self._future], patience)
 
     def value(self) -> _T:
-        """Return the result of the call or raise its error; or TimeoutError."""
+        """Return the result of the call, or raise its error.
+
+        Raises a TimeoutError while it runs.
+        """
         return self._future.result(timeout=0)
 
     def wait(self, tick: Callable[[Control], None] = lambda control: None) -> _T:
@@ -169,6 +173,7 @@ def side_by_side(calls: Sequence[Callable[[Control], _T]], threads: int) -> list
     here.
     """
     control = Control()
+    # All threads take from this one; `enumerate` hands out each call once.
     waiting = iter(enumerate(calls))
     results = dict[int, _T]()
     errors: list[BaseException] = []

@@ -18,19 +18,23 @@ from ruamel.yaml import YAML
 from rattlesweep.api import wilson
 from rattlesweep.paper.workspace import Made
 
-# Checks, each true if it holds, and numbers by name.
+# What a measure returns: checks, each true if it holds, and numbers by name.
 Measured = tuple[Sequence[object], dict[str, Any]]
 
 UNDECIDED = "too few samples to tell"
 # Rounding error allowed in an identity between doubles.
 ROUNDING_ALLOWED = 1e-9
-# Fraction of a headline that must hold for `partly` if the paper's words leave room.
+# Share of its cases in which a headline must hold for `partly`, if the paper's words
+# leave room.
 _MOST = 0.9
 
 
 @dataclass(frozen=True)
 class Tally:
-    """How many meet a criterion, true if all do; ``unsure`` ones fail within error."""
+    """How many meet a criterion; true if all do, and if there are any.
+
+    The ``unsure`` ones fail, but by less than their sampling error.
+    """
 
     hits: int
     total: int
@@ -49,7 +53,7 @@ class Tally:
 
 
 def every(mask: ArrayLike, possible: ArrayLike = False) -> Tally:
-    """Count true values, and false ones that are `possible` within sampling error."""
+    """Count true values, and the false ones that `possible` says may be true."""
     holds = np.asarray(mask, dtype=bool)
     unsure = ~holds & np.asarray(possible, dtype=bool)
     return Tally(int(holds.sum()), holds.size, int(unsure.sum()))
@@ -60,7 +64,9 @@ def rises(
 ) -> Tally:
     """Count the groups in which a value rises (with sign -1, falls) with a column.
 
-    The groups share the columns ``within``; `value` is ordered by abs(``by``).
+    The rows of a group are equal in the columns ``within``, and ordered by abs(``by``).
+    Groups of one row do not count.  A group that fails is unsure if the intervals of
+    its values, ``value_low`` to ``value_high``, still allow each step to rise.
     """
     columns = [value, f"{value}_low", f"{value}_high"]
     rising = []
@@ -70,10 +76,11 @@ def rises(
             continue
         ordered = group.sort_values(by, key=np.abs)[columns]
         values, *ends = (sign * ordered).to_numpy().T
+        # With the sign -1, the lower end has become the upper one.
         low, high = np.sort(ends, axis=0)
         steps = np.diff(values)
         up = steps > 0
-        if sign < 0:  # a value that stays is said to fall
+        if sign < 0:  # a value that stays the same counts as one that falls
             up = steps >= 0
         rising.append(up.all())
         possible.append((up | (high[1:] > low[:-1])).all())
@@ -116,7 +123,11 @@ def read_rows_of(name: str) -> dict[str, dict[str, Any]]:
 
 
 def judge(made: Made, *, theory: bool, few: bool = False) -> list[dict[str, Any]]:
-    """Judge the claims whose parts were made; with `theory`, those about formulas."""
+    """Judge the claims whose parts were made, and with `theory` those about formulas.
+
+    The latter have no parts.  `few` says that the sweeps have fewer samples than a full
+    reproduction, so that a check may fail by chance.
+    """
     judged = []
     for name, claim in read_rows_of("claims").items():
         can_judge = theory
@@ -131,10 +142,10 @@ def judge_claim(claim: Mapping[str, Any], made: Made, few: bool) -> dict[str, An
     """Measure a claim, a row of ``claims.yaml``, and return the rest of a row of the
     table.
 
-    Its function ``measure`` takes the tables to checks, one for each of the
-    ``criteria``, of which the first is the headline, and to numbers by name (or to
-    None: too few samples).  Of these ``value`` decides, and ``low`` to ``high`` is its
-    interval.
+    Its function ``measure`` returns checks, one for each of the ``criteria``, and
+    numbers by name; or None, if there are too few samples.  The first criterion is the
+    headline.  Of the numbers, the table has ``value``, and its interval from ``low`` to
+    ``high``.
     """
     criteria = claim["criteria"]
     row = {
@@ -189,8 +200,8 @@ def verdict_of(checks: Sequence[object], few: bool, leeway: bool) -> str:
 
     It *agrees* if all checks hold, and *disagrees* if the headline fails; else it holds
     *partly*, as it does where the paper's words leave room and nine in ten meet the
-    headline.  With ``few`` samples, failing checks within their error leave *too few
-    samples to tell*.
+    headline.  With ``few`` samples there are *too few samples to tell* if all checks
+    that fail, or the headline, may hold within their sampling error.
     """
     head = checks[0]
     possible = [bool(check) or (few and _may_hold(check)) for check in checks]

@@ -38,19 +38,22 @@ from rattlesweep.physics.vectors import smooth_volume
 
 # Fig. 5(a) and (b): initial spin and duration.  The paper does not state the durations.
 SPINS_AND_TIMES = {"unsteady": (0.1, 200.0), "steady": (-0.1, 1500.0)}
+# The oscillations in Fig. 5.
 COMPONENTS = ("omega_x", "omega_y")
 
+# Fig. 9: bodies, launch and duration.  The paper does not state the duration.
 THETAS = (0.6429, 0.82, 0.9)
-# Fig. 9: launch and duration.  The paper does not state the duration.
 LONG_LAUNCH: dict[str, Any] = {"n_i": 0.1, "omega_xy0": OMEGA_XY0}
 LONG_T_END = 20_000.0
 # Initial E_r of the reduced model, whose initial E_p is that of the launch.
 E_R0 = 3e-5
-# At 1e-9 the reversals of the first run are up to 7 % early.  DOP853 at 1e-13, Verner's
-# method at 1e-12 and RK4 with the paper's step agree on all of them to 0.1.
+# Tolerance of the runs of Fig. 9.  At 1e-9 the reversals of the first run are up to 7 %
+# early.  DOP853 at 1e-13, Verner's method at 1e-12 and RK4 with the paper's step agree
+# on all of them to 0.1.
 LONG_TOL = 1e-13
 REDUCED_TOL = 1e-12
-# Of the longer runs.  At 1e-9 errors of the method hide the exponents of the first one.
+# Tolerance of the longer runs, which give the Lyapunov exponents.  At 1e-9 errors of
+# the method hide the exponents of the first one.
 EXPONENTS_TOL = 1e-11
 # A zero of the spin within this many roll periods of the one before is the same
 # reversal.
@@ -75,7 +78,10 @@ _BEYOND = ("t_end", "lyapunov_late", "kaplan_yorke", "regime")
 
 @vectorize
 def volume_rate(ux, uy, uz, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    """Return the rate of phase volume of states of a paraboloid."""
+    """Return the rate of phase volume of a state ``u`` and ``omega = (a, b, c)``.
+
+    The body is a paraboloid with the constants of `physics.full`.
+    """
     y = ux, uy, uz, a, b, c
     return smooth_volume(y, (ix, iy, iz), (cxx, cxy, cyy, 0.0), 0.0)
 
@@ -116,7 +122,10 @@ def reversals(_: Workspace) -> Tables:
 
 
 def reversal(made: Made, *, name: str, printed: int, when: str) -> Measured:
-    """Measure a reversal time, and whether Garcia and Hubbard's is earlier or later."""
+    """Measure a reversal time, and whether Garcia and Hubbard's is earlier or later.
+
+    The paper has the time `printed`, and theirs is `when`: earlier or later.
+    """
     run = next(row for row in records(made["fig5"]["runs"]) if row["run"] == name)
     theory = "earlier" if run["t_rgh"] < run["t_r"] else "later"
     return [abs(run["t_r"] - printed) <= 0.5, theory == when], {
@@ -171,7 +180,11 @@ def envelope_claim(made: Made) -> Measured:
 def envelope(
     run: pd.DataFrame, component: str, t_r: float, period: float
 ) -> dict[str, float]:
-    """Return extremes of the envelope, the largest modulus in a period, and times."""
+    """Return extremes of the envelope, which is the largest modulus in a period.
+
+    They are the ``top``, the largest values to the ``left`` and to the ``right`` of the
+    reversal, and the ``low`` between these two; each has its time, such as ``top_t``.
+    """
     t = run["t"].to_numpy()
     size = maximum_filter1d(
         run[component].abs().to_numpy(), round(period / (t[1] - t[0]))
@@ -247,7 +260,10 @@ def draw_reversals(tables: Tables) -> Figure:
 
 
 def long_runs(ws: Workspace) -> Tables:
-    """Return ``spin`` (thinned) and ``runs`` (with the exponents of longer runs)."""
+    """Return the tables ``spin`` (thinned) and ``runs``.
+
+    The latter has a row for each body, with the exponents of longer runs.
+    """
     bodies = [replace(Rattleback.gh(), theta=theta) for theta in THETAS]
     longer = simulate(
         bodies,
@@ -283,6 +299,7 @@ def long_runs(ws: Workspace) -> Tables:
         # The first interval is the transition from the launch to the motion that
         # follows.
         first, *gaps = np.diff(starts)
+        # In the reduced model, every zero of the spin is a reversal.
         whole = np.diff(simple.zeros)
         casimir = averaged_casimir(table, body, period)[table["t"] >= starts[0]]
         ratio = table["F_tangential"] / table["F_normal"]
@@ -309,6 +326,7 @@ def long_runs(ws: Workspace) -> Tables:
                 **{name: beyond[name] for name in _BEYOND},
                 "exponents": listed(beyond["lyapunov_spectrum_late"]),
                 "shrinking": sum(beyond["lyapunov_spectrum_late"]),
+                # Logarithm of growth in the second half, for which "late" stands.
                 "growth": beyond["lyapunov_late"] * beyond["t_end"] / 2,
                 "chaotic": bool(is_chaotic(beyond["lyapunov_late"], beyond["t_end"])),
             }

@@ -43,12 +43,13 @@ _POLL = 0.005
 LONGEST_POLL = 0.25
 BEAT = 1.0  # seconds between two touches of a note
 SILENCE = 15.0  # seconds without a touch after which the holder of a note is dead
-SETTLE = 0.5  # seconds in which another process may take over the same note
+# Seconds in which another process that saw the same silence may take over the note.
+SETTLE = 0.5
 _MOST_BYTES = 4096  # of a note
 # Errors of file systems and networks without locks.
 NO_LOCKS = {errno.ENOSYS, errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL}
 IS_HELD = {errno.EAGAIN, errno.EACCES, errno.EWOULDBLOCK, errno.EDEADLK}
-# Opening a pipe must not wait.
+# How files are opened: no link is followed, and opening a pipe does not wait.
 AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 
@@ -100,7 +101,12 @@ class LockFile:
         first = look_at(self._note)
         while not self._try():
             waited = time.monotonic() - start
-            is_unknown = self._may_be_dead and look_at(self._note) == first is not None
+            # While the note is as at first, its holder may be alive or dead.  The next
+            # touch tells, or its silence.
+            is_unknown = False
+            if self._may_be_dead:
+                sight = look_at(self._note)
+                is_unknown = sight is not None and sight == first
             if waited >= patience and not is_unknown:
                 return False
             waiting(waited)
@@ -143,7 +149,7 @@ class LockFile:
             self._handle = None
 
     def _try(self) -> bool:
-        """Take the lock if it is free."""
+        """Take the lock if it is free; return whether it was."""
         self._may_be_dead = False
         handle = _open_to_lock(self._path)
         self._handle = handle
@@ -154,7 +160,7 @@ class LockFile:
             self._close()
             if error.errno not in NO_LOCKS:
                 raise
-            is_locked = False
+            is_locked = False  # so the note alone decides
         else:
             # The file may have been removed meanwhile, so that others lock another one.
             if not is_free or not _is_at(handle, self._path):
@@ -163,7 +169,7 @@ class LockFile:
         try:
             is_taken = self._take_note()
         except OSError:
-            # A full disk has no room for a note.
+            # A full disk has no room for a note; then the system's lock must do.
             if not is_locked:
                 raise
             is_taken = True
@@ -174,7 +180,10 @@ class LockFile:
         return True
 
     def _take_note(self) -> bool:
-        """Hold the lock by a note that is touched again and again."""
+        """Write the note, if no living process has one; return whether it is written.
+
+        From then on a thread touches it again and again.
+        """
         try:
             token = _write_note(self._note)
         except FileExistsError:
@@ -188,7 +197,8 @@ class LockFile:
             )
             token = _write_note(mine)
             os.replace(mine, self._note)
-            if is_silent and self._settles:  # as others may see it, too
+            if is_silent and self._settles:
+                # Others may have seen the same silence, and replace this note.
                 time.sleep(SETTLE)
             holder = read_note(self._note)
             if holder is None or holder.token != token:
@@ -244,7 +254,10 @@ def is_held(path: Path) -> bool | None:
 if sys.platform == "win32":
 
     def lock(handle: int, shared: bool = False) -> bool:
-        """Lock an open file; return whether it was free."""
+        """Lock an open file; return whether it was free.
+
+        There are no shared locks, so `shared` changes nothing.
+        """
         try:
             msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
         except OSError as error:
@@ -292,9 +305,10 @@ def _is_at(handle: int, path: Path) -> bool:
 
 
 def _system() -> str:
-    """Return what is of all processes that know this one by its number; "" if unknown.
+    """Return the boot and the process namespace of this process; "" if unknown.
 
-    Names of hosts will not do: machines share them, and so do containers.
+    Processes in which these are equal know each other by their numbers.  Names of hosts
+    will not do: machines share them, and so do containers.
     """
     with contextlib.suppress(OSError):
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
@@ -303,7 +317,11 @@ def _system() -> str:
 
 
 def has_ended(holder: Holder | None) -> bool:
-    """Return whether the process that wrote a note is known to have ended."""
+    """Return whether the process that wrote a note is known to have ended.
+
+    It is never known where :func:`_system` is "", as on Windows, where a signal of 0
+    would not be without effect.
+    """
     if holder is None or holder.pid <= 0 or not holder.system:
         return False
     if holder.system != _system():
@@ -312,7 +330,7 @@ def has_ended(holder: Holder | None) -> bool:
         os.kill(holder.pid, 0)
     except ProcessLookupError:
         return True
-    except (OSError, OverflowError):  # a process of another user
+    except (OSError, OverflowError):  # of another user, or a number that none has
         return False
     return False
 

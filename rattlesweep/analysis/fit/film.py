@@ -36,15 +36,17 @@ _KINDS = {
 # Columns without a unit in their names, as `rattlesweep trajectory` writes them.
 BARE = {"t": "sqrt(a/g)", "n": "sqrt(g/a)"}
 _NEEDED = "t_s and one of angle_deg, spin_rpm, n_rpm, or reversal_s alone"
-# Rows from which the next angle is extrapolated, so that half turns can be removed.
+# Half turns are removed by extrapolating the next angle: with the spin over this many
+# rows before it, from each of the last few of them.
 MEMORY = 20
 NEAR = 3
-# The launch is judged by the first 2 % of the rows, and by at least 10 of them.
+# The launch is judged by the first rows: one in 50 of all, and at least 10.
 FIRST_SHARE = 50
 FEWEST_FIRST = 10
 # A film of a tap begins with less than this share of its largest spin.
-STILL = 0.3
+STILL_SHARE = 0.3
 # Angle between rows, above which half turns are counted by the spin of the launch.
+# Above a quarter turn, the nearest angle of the axis is the wrong one.
 FAST = 0.4 * math.pi
 ROUGH_NOISE = 0.01  # of the largest time of a reversal, before the first search
 
@@ -85,7 +87,7 @@ class Film:
         return np.isfinite(self.value)
 
     def until(self, share: float) -> Film:
-        """Return the first part of the data."""
+        """Return the data up to a share of their time."""
         early = self.t <= share * self.t[-1]
         error = self.error
         if error is not None:
@@ -94,12 +96,12 @@ class Film:
 
     @property
     def size(self) -> float:
-        """The largest value."""
+        """The largest modulus of a value."""
         return float(np.nanmax(np.abs(self.value)))
 
     @property
     def largest_spin(self) -> float:
-        """Modulus of the largest spin, which single times do not have."""
+        """Modulus of the largest spin; of reversals, which have none, the last time."""
         if self.kind != "angle":
             return self.size
         value = self.value[self.known]
@@ -113,7 +115,7 @@ class Film:
     @property
     def spin_size(self) -> float:
         """The size of the spin, also of a film that begins without spin."""
-        return max(abs(self.first_spin), STILL * self.largest_spin)
+        return max(abs(self.first_spin), STILL_SHARE * self.largest_spin)
 
     @property
     def turn_a_row(self) -> float:
@@ -122,7 +124,7 @@ class Film:
 
     @property
     def rough_noise(self) -> float:
-        """Size of noise from neighbouring rows, or a first guess for single times."""
+        """Size of noise from neighbouring rows, or a first guess for reversals."""
         if self.kind == "reversal" or self.known.sum() < FEWEST_FIRST:
             return ROUGH_NOISE * self.size
         sizes = []
@@ -131,6 +133,7 @@ class Film:
             # The median of |x| of a normal variable, and the variance of a difference.
             variance = math.comb(2 * order, order)
             sizes.append(float(np.median(bends)) / 0.6745 / math.sqrt(variance))
+        # Motion only adds to a difference, so the least of them has the least of it.
         return max(min(sizes), 1e-6 * self.size)
 
     @property
@@ -141,7 +144,7 @@ class Film:
 
     @property
     def first_spin(self) -> float:
-        """The spin of the first rows, which single times do not have."""
+        """The spin of the first rows.  Reversals have none."""
         rows = self.first_rows
         if self.kind == "angle":
             return float(np.polyfit(self.t[rows], self.value[rows], 1)[0])
@@ -158,11 +161,11 @@ def read_film(
 
     `units` are those of the body, None if its size is not known, and `error` is the
     standard error of all values, by default that of a column such as
-    ``angle_error_deg``.  A spin `n_i` of the launch that turns the axis by more than a
-    quarter turn from row to row tells which half turns were lost.  Raises a ConfigError
-    if columns are missing, or if a row is no number or out of order.
+    ``angle_error_deg``.  A spin `n_i` of the launch tells which half turns were lost if
+    it turns the axis by more than `FAST` from row to row.  Raises a ConfigError if
+    columns are missing, or if a time is no number or out of order.
 
-    Exports of the programs of :data:`exports.FORMATS` are read as they are.
+    Exports of the programs of :data:`programs.FORMATS` are read as they are.
     """
     spin = None
     if n_i is not None and units is not None:
@@ -180,6 +183,7 @@ def read_film(
         raise ConfigError(f"{place}: {problem}")
     errors = _errors(sheet, columns[kind], value, units, error)
     if kind == "reversal":
+        # In the order of time, without the missing ones, which come last.
         order = np.argsort(value)[: np.isfinite(value).sum()]
         value = value[order]
         if errors is not None:
@@ -226,6 +230,7 @@ def _measured_column(name: str, units: Units | None) -> FilmColumn | None:
     """Return the quantity and unit of a column, None if it is not a measured one."""
     if name in BARE:
         return FilmColumn(name, name, Unit(BARE[name], 1.0))
+    # Without the size of a body, only angles can be told in its units.
     match = re.fullmatch(rf"(t|{'|'.join(_KINDS)})_(.+)", name)
     if match is None or (units is None and match[1] != "angle"):
         return None
@@ -258,7 +263,7 @@ def _errors(
         return np.full(len(value), _error_of_all(error, measured, units))
     if not names:
         return None
-    # The unit is at the end of both names: angle_error_deg is to angle_deg an error.
+    # The unit is at the end of both names: angle_error_deg has the unit of angle_deg.
     like = _measured_column(names[0].replace("_error", "", 1), units)
     if like is None or (like.name in BARE) != (measured.name in BARE):
         raise ConfigError(
@@ -337,7 +342,7 @@ def _check_increasing(place: str, t: Floats, column: FilmColumn) -> None:
 def unwrapped(t: Floats, angle: Floats, spin: float = 0.0) -> Floats:
     """Remove jumps by half turns from the angle of an axis, which has no front.
 
-    `spin` is a first guess of the rate.
+    `spin` is a first guess of the rate, by which the second row is judged.
     """
     rows = np.flatnonzero(np.isfinite(angle))
     # Lists, since single numbers of an array are slow.

@@ -14,7 +14,7 @@ from rattlesweep.words.errors import ConfigError, one_line
 from rattlesweep.words.quantities import ANGLES, QUANTITIES
 from rattlesweep.words.units import InSI, natural, separate_error
 
-# Keys of bodies with a size that may have an error, and those of bodies without.
+# Keys of bodies with a size that may have an error.
 _SIZES = (
     "length",
     "width",
@@ -26,6 +26,7 @@ _SIZES = (
     "wall",
     "axes_angle",
 )
+# The same of bodies without a size.
 NUMBERS = (*PARAMETERS, "c", "f_sd", *ANGLES)
 
 
@@ -69,7 +70,8 @@ def separate(
 ) -> tuple[dict[str, Any], dict[str, float | str]]:
     """Return values without their errors, and the errors by name.
 
-    A text without a unit becomes a number.
+    Of a text that has an error, a value or an error without a unit becomes a number.
+    Other values stay as they are.
     """
     plain: dict[str, Any] = dict(values)
     errors: dict[str, float | str] = {}
@@ -111,7 +113,7 @@ def measured_body(values: Mapping[str, object]) -> MeasuredBody:
         except ValueError as reason:
             raise ConfigError(str(reason)) from None
         if name in ANGLES:
-            # In radians, as the other key that the body could be made from.
+            # As the key ``xi``, which is in radians.
             degree = math.radians(1)
             prior = Prior(ANGLES[name] * degree * prior.value, degree * prior.error)
             del keys[name]
@@ -122,7 +124,10 @@ def measured_body(values: Mapping[str, object]) -> MeasuredBody:
 
 
 def of_body(name: str, value: Any) -> Any:
-    """Return a parameter in units of the body as a number that says so."""
+    """Return a parameter in units of the body as a number that knows its unit.
+
+    What is no number, or no quantity, stays as it is.
+    """
     if name not in QUANTITIES or not isinstance(value, float):
         return value
     return natural(value, QUANTITIES[name].kind)

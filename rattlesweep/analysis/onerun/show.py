@@ -66,7 +66,7 @@ def course_of_page(
 
 
 def make_scene(course: Course) -> dict[str, Any]:
-    """Integrate a course of :func:`course_of`, and return the content of its page."""
+    """Integrate a course of :func:`course_of_page`; return what its page shows."""
     columns = course.columns()
     # A failed run is shown as far as its numbers are finite.
     good = np.logical_and.reduce([np.isfinite(columns[name]) for name in _CHANNELS])

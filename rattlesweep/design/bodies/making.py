@@ -28,6 +28,7 @@ SIZE_KINDS = {
     "inertia": "moment of inertia",
     "gravity": "acceleration",
 }
+# The other keys of a mesh.
 OF_MESHES = ("unit", "points", "up")
 # Keys that choose how a body is made.
 WAYS = ("preset", "shape", "mesh", "mass", "f_sd")
@@ -61,10 +62,10 @@ def body_from(
         if key not in ("rim", "units", "pose")
     }
     if way == "preset":
-        # `replace` names no arguments of its own.
+        # `Rattleback.replace` takes any names, so its signature tells none.
         required = dict.fromkeys((*PARAMETERS, "c"), False)
     if way == "f_sd":
-        # A shell-dumbbell body gets its c afterwards.
+        # `shell_dumbbell` takes no c; the body gets it afterwards.
         required["c"] = False
     for key in values:
         if key in required:
@@ -144,7 +145,7 @@ def preset_of(name: object, where: str) -> Rattleback:
 def _with_skew_in_radians(
     values: dict[str, object], spelled: Callable[[str], str]
 ) -> dict[str, object]:
-    """Return values with the skew angle as ``xi``."""
+    """Return values with the skew angle as ``xi``, in radians; `values` may change."""
     names = [name for name in ("xi", *ANGLES) if name in values]
     if len(names) > 1:
         listed = " and ".join(map(spelled, names))

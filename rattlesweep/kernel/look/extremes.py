@@ -1,9 +1,10 @@
 """Extremes: functions of the state whose largest value is kept, between steps too.
 
-An extreme is a record; a further one is an entry of :data:`EXTREMES`, with its fields
-and its table, and an observer in `event.looks` that says which steps may hold it.  Its
-place within an accepted step is found with shorter steps of the method
-(`event.zeros`), and changes nothing else of the run.
+An extreme is a record.  A further one is an entry of :data:`EXTREMES`, with its fields
+and its table; an observer in `event.looks`, which says which steps may hold it; and its
+fields of the step tried in `fields.END_OF_STEP`.  Its place within an accepted step is
+found with shorter steps of the method (`event.peaks`).  The search changes nothing else
+of the run.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -28,14 +29,14 @@ class ExtremeFields:
     """The functions that are searched for extremes, and their extremes so far."""
 
     # The contact forces.
-    ratio0: Point  # ratio of the forces at the start of the step
+    ratio0: Point  # tangential over normal force, at the start of the step
     ratio1: Point  # the same at its end
     lift0: Point  # normal force with a minus sign
     lift1: Point
     ratio_peak: Peak  # of the step tried, as interpolated (`look.inside`)
     lift_peak: Peak
-    ratio_max: Number
-    normal_min: Number
+    ratio_max: Number  # largest ratio so far
+    normal_min: Number  # least normal force so far
 
     # The spin since the last reversal.
     turn_peak: Peak  # of the step tried, as interpolated
@@ -45,7 +46,7 @@ class ExtremeFields:
 
 @dataclass(frozen=True)
 class ExtremeRecord:
-    """Extremes, over runs."""
+    """Extremes, over runs.  Those of the spin are in `runs.RunRecord.reversals`."""
 
     # Largest ratio of the contact forces, least normal force.
     contact: Annotated[Floats, (1, 2)]
@@ -64,12 +65,14 @@ class ExtremeRecord:
 class Extreme(NamedTuple):
     """A function of the state, as compiled functions of a lane."""
 
-    # tried(lane): the function at the end of the step just tried
+    # tried(lane): a Point of the function at the end of the step just tried
     tried: Callable[..., Any]
-    # peak(lane): what may be its highest peak within the step, if that may exceed the
-    # largest value so far
+    # peak(lane): what may be its highest Peak within the step, if that may exceed the
+    # largest value so far; else a Peak with h = 0
     peak: Callable[..., Any]
-    # scale(lane): what a bend of the peak is divided by at the point tried
+    # scale(lane): what the bend of this peak is divided by at the first point tried, to
+    # be one of the function.  (That of the ratio is a bend of what the tangential force
+    # exceeds, see `looks.observe_contact`.)
     scale: Callable[..., Any]
     # keep(lane, value): keep a largest value within the step
     keep: Callable[..., None]
@@ -87,7 +90,7 @@ def note_contact(lane):
 
 @njit(**INNER)
 def start_points(lane):
-    """Let the functions at the end of the step be those at the next start."""
+    """Let the ratio and the lift at the end of the step be those at the next start."""
     ratio = lane.ratio1
     lift = lane.lift1
     lane.ratio0 = Point(0.0, ratio.value, ratio.rate)
@@ -103,7 +106,10 @@ def wanted(recording):
 
 @njit(**INNER)
 def advance(problem, w, recording):
-    """Let the ends of steps that lanes take count, and be the starts of the next."""
+    """Let the ends of the steps that are taken count, and be the starts of the next.
+
+    The spin of a turn is noted by `runs.note_turn`.
+    """
     if recorded(recording.contact):
         _advance_contact(problem, w)
 

@@ -2,7 +2,7 @@
 
 A mark is a record; a further one is an entry of :data:`MARKS` here, and a column.  Its
 zero is found within an accepted step by Newton's method in a bracket, with shorter
-steps of the method (`event.zeros`), and changes nothing else of the run.
+steps of the method (`event.peaks`).  The search changes nothing else of the run.
 """
 
 # mypy: disable-error-code="no-untyped-def"

@@ -1,7 +1,7 @@
 """Kinds of fields of a lane, those that every turn uses, and rows of a workspace.
 
-A noun declares its fields beside its code: a class whose annotations are kinds.  So do
-the fields of a mark, of a slide or of a search; `kernel.collected` lists these classes.
+A noun, such as a mark, a slide or a search, declares its fields beside its code, in a
+class whose annotations are kinds.  `kernel.collected` lists these classes.
 """
 
 # mypy: disable-error-code="no-untyped-call, no-untyped-def, misc"
@@ -37,7 +37,8 @@ class Slip(NamedTuple):
 SLIP_SPEED, SLIP_ANGLE, SLIP_WORK, N_SLIP = range(4)
 
 
-# States of the search of a lane (`kernel.event`).
+# States of the search of a lane.  STEP: none; PEAK and RETAKE are of `event.peaks`, the
+# others of `event.zeros`.
 STEP, SCAN, MINIMUM, ROOT, REDO, PEAK, RETAKE = range(7)
 
 
@@ -58,7 +59,7 @@ class Peak(NamedTuple):
 
 
 MOST_REVERSALS = 8  # reversals that are stored
-NEVER = 1e290  # beyond any time, modulus and force of a run
+NEVER = 1e290  # above any time, modulus and force of a run
 DIFFERENCE = 1e-7  # length of differences along the flow, in radians of the swing
 
 # Kinds of fields of a lane, besides points, peaks and slips; all numbers are doubles.
@@ -96,7 +97,7 @@ class TurnFields:
     rate1: Number
     amplitude: Number  # squared, at the end
     last: Flag  # whether the step ends at the horizon
-    held: Flag  # whether it repeats a rejected one
+    held: Flag  # whether it repeats one that was rejected; the next does not grow then
 
     # The decision on it.
     accept: Flag  # whether the lane takes the step
@@ -114,7 +115,8 @@ class TurnFields:
 
 
 # What every lane knows of the end of a step and of its peaks, beside what the model has
-# there.
+# there.  A search in the step writes over it, and puts it back (`runs.keep_end`).  So a
+# further extreme has its fields of the step tried here.
 END_OF_STEP = (
     *("h", "error", "root", "n1", "rate1", "amplitude", "volume_rate1"),
     *("margin1", "ratio1", "lift1"),
@@ -140,11 +142,13 @@ class Layout:
     """Rows of a workspace: the first row of each field is an attribute of its name.
 
     First come the fields that every lane has, whatever its model.  The fields of a
-    model begin with the row ``first``: those at the start of a step, the same at its
-    end, with a 1 at the end of their names, and others.  ``kept`` is the first row of
-    an end of a step that is kept (`runs.keep_end`), ``results`` that of what its modes
-    add to the results of a run, and ``stages`` that of the stages.  ``fields`` has the
-    first row and the Numba type by name.
+    model begin with the row ``first``: those at the start of a step; from the row
+    ``second`` on the same at its end, with a 1 at the end of their names; and others.
+    ``kept`` is the first row of an end of a step that is kept (`runs.keep_end`): copies
+    of ``rows_of_end``, which are those of `END_OF_STEP`, and of the model's fields at
+    the end.  ``results`` is the first row of what its modes add to the results of a
+    run, and ``stages`` that of the stages.  ``fields`` has the first row and the Numba
+    type by name.
 
     Parameters
     ----------
@@ -204,6 +208,7 @@ class Layout:
             return types.UniTuple(types.float64, count) if count else types.Tuple(())
         if kind in (Point, Slip, Peak):
             return types.NamedUniTuple(types.float64, 3, kind)
+        # A Number or a Flag.
         return types.float64
 
     def rows(self, tableau: Tableau, model: Model) -> int:
@@ -211,7 +216,9 @@ class Layout:
         vectors = 1 + model.n_tangents
         stages = (tableau.stages - 1) * vectors * model.n_state
         if model.stiffness is not None:
-            # States and derivatives, rates of positions, and how stiff they are
-            # (`step.implicit`).
+            # At each stage, the state, its derivative and the rates of three positions;
+            # and ten numbers that say how stiff the slip is (`step.implicit`).
             stages = STAGES * (2 * model.n_state + 3) + 10
-        return self.stages + stages + model.n_carried * (tableau.stages + 1)
+        # What is carried from stage to stage: its start, and a rate at each stage.
+        carried = model.n_carried * (tableau.stages + 1)
+        return self.stages + stages + carried

@@ -181,7 +181,7 @@ class Problem:
         if modes is not None and tangents is not None:
             self.modes = modes
             self.tangents = tangents
-        self.rack = rack  # `rack.Rack` of a model that slides
+        self.rack = rack  # `radau.Rack` of a model that slides
         self.name = f"{model.name if model else 'any'}_{lanes}"
         if rimmed:
             self.name += "_rimmed"

@@ -1,7 +1,7 @@
 """Modes of a lane as numbers, and what others than the modes may ask of them.
 
-What a lane does in a mode is in `kernel.mode`.  Elsewhere nothing tests ``lane.mode``:
-it asks for what it needs to know by the functions here.
+What a lane does in a mode is in `kernel.mode`.  No other code tests ``lane.mode``.  It
+asks the functions here for what it needs to know.
 """
 
 # mypy: ignore-errors
@@ -28,7 +28,10 @@ class ModeFields:
 
 @scalar
 def steps_in_rack(lane):
-    """Return whether steps of the lane are those of a slide, and its limit theirs."""
+    """Return whether the lane slides, so that it steps in a rack (`step.slots`).
+
+    Its limit is then known at the ends of every step.
+    """
     return lane.mode == SLIDING
 
 
@@ -47,13 +50,18 @@ def turns_at_zero(lane):
 @scalar
 def counts_zeros(lane):
     """Return whether zeros of the spin are events within a smooth motion."""
-    # Otherwise they are ends of modes.
+    # After a launch without spin, none counts before the spin is far.  In PIVOTING, the
+    # mode ends at a zero, and in HELD the spin stays there; other modes come before.
     return (lane.arm == 0.0) & (lane.mode < PIVOTING)
 
 
 @scalar
 def mode_of(speed, has_sense, sense):
-    """Return the mode of a lane with a speed of slip and a sense of its spin."""
+    """Return the mode of a lane with a speed of slip and a sense of its spin.
+
+    The sense is the sign of the spin, or 0 where it is held.  Only a body with pivoting
+    friction has one.
+    """
     rolling = ROLLING
     if has_sense:
         rolling = HELD if sense == 0.0 else PIVOTING
