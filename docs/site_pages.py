@@ -28,6 +28,7 @@ COPIED = {
     "benchmarks/estimates.md": "estimates.md",
     "benchmarks/friction.md": "friction_checks.md",
     "benchmarks/kernel.md": "kernel.md",
+    "benchmarks/shaken.md": "shaken_runs.md",
     "benchmarks/one_way.md": "one_way_tables.md",
     "benchmarks/fit.md": "fit_coverage.md",
     "benchmarks/literature.md": "other_runs.md",

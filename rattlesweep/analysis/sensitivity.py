@@ -31,6 +31,7 @@ MOST_MISSING = 0.05  # of the groups; with more, the rest no longer represent th
 # Of the bootstrap.
 REPLICATES = 300
 _SEED = 20170427
+NO_INDEX = "none"  # in a panel without bars
 _MOST_CASES = 6  # in a figure
 _INDICES = {"first": ("first order", style.BLUE), "total": ("total", style.ORANGE)}
 
@@ -181,6 +182,16 @@ def save_sensitivity(result: Indices, path: Path) -> None:
                 lines = [style.value_text(k, v) for k, v in varied.items()]
                 axes.set_ylabel("\n".join(lines))
             style.light_grid(axes)
+            if of_panel[list(_INDICES)].isna().all(axis=None):
+                axes.grid(visible=False)
+                axes.text(
+                    0.5,
+                    0.5,
+                    NO_INDEX,
+                    color=style.GREY,
+                    ha="center",
+                    transform=axes.transAxes,
+                )
         # The axes are shared; intervals of few groups may be very long.
         low, high = panels[0, 0].get_ylim()
         panels[0, 0].set_ylim(max(low, -0.2), min(high, 1.4))
@@ -191,8 +202,8 @@ def save_sensitivity(result: Indices, path: Path) -> None:
         style.add_caption(
             figure,
             [
-                "Sobol' indices with 95 % intervals; a panel is empty where the "
-                "value does not vary or too few groups of runs have one."
+                "Sobol' indices with 95 % intervals. None: the value does not vary, or "
+                "too few groups of runs have one."
             ],
         )
         style.save_figure(figure, [path])
