@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from rattlesweep.analysis import style
+from rattlesweep.analysis import room, style
 from rattlesweep.config.read import differences, fixed_part, resolved
 from rattlesweep.design.cases import Case
 from rattlesweep.physics.body import PARAMETERS
@@ -301,7 +301,7 @@ def save_comparison(comparison: Comparison, path: Path) -> None:
         values = (comparison.runs.t_r_b / comparison.runs.t_r_a).dropna()
     values = values[values.between(0, np.inf, inclusive="neither")]
     with style.styled():
-        figure = style.new_figure(5.2, 3.9)
+        figure = room.usual_figure(5.2, 3.9)
         axes = figure.subplots()
         if len(values):
             bins = np.geomspace(values.min() / 2, 2 * values.max(), 60)
@@ -326,4 +326,5 @@ def save_comparison(comparison: Comparison, path: Path) -> None:
         if of_models:
             caption += " The differences are those of models, not errors."
         style.add_caption(figure, [caption])
+        room.fit_to_size(figure)
         style.save_figure(figure, [path])

@@ -15,7 +15,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
-from rattlesweep.analysis import style
+from rattlesweep.analysis import room, style
 from rattlesweep.arrays import Floats
 from rattlesweep.config.body_sources import SdSource
 from rattlesweep.rows.types import TYPES
@@ -167,7 +167,7 @@ def save_sensitivity(result: Indices, path: Path) -> None:
     width = max(4.0, 1.2 + 2.0 * len(names))
     height = 1.2 + 1.9 * len(cases)
     with style.styled():
-        figure = style.new_figure(width, height)
+        figure = room.usual_figure(width, height)
         panels: Any = figure.subplots(
             len(cases), len(names), squeeze=False, sharex=True, sharey=True
         )
@@ -206,6 +206,7 @@ def save_sensitivity(result: Indices, path: Path) -> None:
                 "too few groups of runs have one."
             ],
         )
+        room.fit_to_size(figure)
         style.save_figure(figure, [path])
 
 

@@ -20,7 +20,7 @@ import pandas as pd
 import pyarrow as pa
 from matplotlib.figure import Figure
 
-from rattlesweep.analysis import style
+from rattlesweep.analysis import room, style
 from rattlesweep.arrays import take
 from rattlesweep.config.body_sources import SdSource
 from rattlesweep.config.read import parse_config, resolved
@@ -356,7 +356,7 @@ def save_tradeoff(study: Study, directory: Path) -> list[Path]:
 
 def _draw(rows: pd.DataFrame) -> Figure:
     """Draw the cost against the median error, with a line to its 99th percentile."""
-    figure = style.new_figure(8.4, 5.6)
+    figure = room.usual_figure(8.4, 5.6)
     axes = figure.subplots()
     looks = iter(style.SERIES)
     known = rows[rows["error_median"].between(0, math.inf, "neither")]

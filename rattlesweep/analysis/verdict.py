@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from rattlesweep.analysis import style
+from rattlesweep.analysis import room, style
 from rattlesweep.analysis.onerun.figure import shown
 from rattlesweep.analysis.style import BLUE, INK, SILVER
 from rattlesweep.arrays import Floats
@@ -294,7 +294,7 @@ def draw_verdict(
         end = min(end, FIGURE_END * events)
     with style.styled():
         width = min(1.4 + 2.6 * len(spins), WIDEST_FIGURE)
-        figure = style.new_figure(width, 0.9 + 1.9 * len(directions))
+        figure = room.usual_figure(width, 0.9 + 1.9 * len(directions))
         shape = len(directions), len(spins)
         panels = figure.subplots(*shape, sharex=True, sharey="col", squeeze=False)
         of_launch = {}

@@ -3,6 +3,13 @@
 >>> from rattlesweep.api.style import BLUE, new_figure, save_figure, styled
 """
 
+from rattlesweep.analysis.room import (
+    check_panels,
+    chosen_size,
+    separate_ticks,
+    sized,
+    with_room,
+)
 from rattlesweep.analysis.style import (
     BLUE,
     FAINT,
@@ -15,18 +22,13 @@ from rattlesweep.analysis.style import (
     TYPE_STYLE,
     VERMILION,
     add_legend,
-    check_panels,
-    chosen_size,
     local_numbers,
     new_figure,
     save_figure,
     save_table,
-    separate_ticks,
-    sized,
     styled,
     thin,
     value_text,
-    with_room,
 )
 
 __all__ = [

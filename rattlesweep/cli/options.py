@@ -6,8 +6,8 @@ import pkgutil
 import re
 import sys
 from collections.abc import Callable
-from contextlib import suppress
-from functools import partial
+from contextlib import AbstractContextManager, nullcontext, suppress
+from functools import partial, wraps
 from importlib.abc import MetaPathFinder
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -488,9 +488,38 @@ as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of 
 quiet = option(
     "-q", "--quiet", is_flag=True, help="Print no progress, summaries or warnings."
 )
-figure = file(
-    "--figure", *PICTURES, help="Also draw a figure, an .svg, .png or .pdf file."
+_figure_options = stack(
+    file("--figure", *PICTURES, help="Also draw a figure, an .svg, .png or .pdf file."),
+    option("--size", type=FIGURE_SIZE, help="Width and height of it, in inches."),
+    option("--style", metavar="STYLE", help="A style of Matplotlib, as of `plot`."),
 )
+
+
+def figure(function: Function) -> Function:
+    """Add the options of a figure, and draw it in the size and style that are given."""
+
+    @wraps(function)
+    def drawing(
+        *arguments: Any,
+        figure: Path | None,
+        size: tuple[float, float] | None,
+        style: str | None,
+        **given: Any,
+    ) -> int | None:
+        for name, value in (("--size", size), ("--style", style)):
+            if value is not None and figure is None:
+                raise ConfigError(f"{name}: there is no figure; add --figure FILE")
+        looks: AbstractContextManager[None] = nullcontext()
+        if figure is not None:
+            from rattlesweep.analysis.room import drawn_as
+
+            looks = drawn_as(size, style)
+        with looks:
+            return function(*arguments, figure=figure, **given)
+
+    return _figure_options(drawing)
+
+
 data = file(
     "--data", ".csv", ".parquet", help="Also write the numbers, as .csv or .parquet."
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -106,7 +106,7 @@ def share_and_text(hits: int, runs: int) -> Share:
     return {"value": value, "low": low, "high": high, "share": text}
 
 
-def extremes(values: Iterable[float]) -> tuple[float, float]:
+def extremes(values: Collection[float]) -> tuple[float, float]:
     """Return the smallest and the largest value."""
     return min(values), max(values)
 

@@ -18,7 +18,7 @@ from refusal import assert_refused
 from sweeping import ROOT, invoke, sweep
 
 import rattlesweep as rs
-from rattlesweep.analysis import style
+from rattlesweep.analysis import room, style
 from rattlesweep.analysis.style import LEAST_SIZE, SERIES
 
 SPINS = [0.1, 0.2, 0.3, 0.4, 0.5]
@@ -301,7 +301,7 @@ def test_numbers_of_narrow_panels_stand_apart(out):
 def test_headings_of_narrow_panels_neither_touch_nor_leave_the_figure(width):
     """A letter, a launch and a long legend, as in figures of the paper."""
     size = (width * MM, 3.0)
-    with style.styled(), style.sized(size):
+    with style.styled(), room.sized(size):
         figure = style.new_figure(*size)
         for letter, axes in zip("ab", figure.subplots(1, 2), strict=True):
             axes.plot([0, 1], [0, 1])
@@ -309,9 +309,9 @@ def test_headings_of_narrow_panels_neither_touch_nor_leave_the_figure(width):
             axes.set_title(r"GH, $n_i$ = -0.1, $\omega_{xy0}$ = 0.01")
         ways = ("in both", "in the unsteady direction only", "in neither")
         style.add_legend(figure, [style.entry(way, marker="o") for way in ways])
-        style.fit_texts(figure)
-    style.check_panels(figure, size)
-    assert style.misplaced_texts(figure) == []
+        room.fit_texts(figure)
+    room.check_panels(figure, size)
+    assert room.misplaced_texts(figure) == []
     for axes in figure.axes:
         said = axes.get_title(loc="left") + axes.get_title()
         assert "-1)" in said
@@ -327,7 +327,7 @@ def test_a_figure_whose_headings_touch_is_refused():
         for axes in figure.subplots(1, 3):
             axes.set_title("a heading without any comma")
     with pytest.raises(rs.ConfigError, match="give more width"):
-        style.check_panels(figure, size)
+        room.check_panels(figure, size)
 
 
 def test_a_size_without_room_is_refused(out):

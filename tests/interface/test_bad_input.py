@@ -43,6 +43,8 @@ classify c.yaml | is not an output directory
 status none | none is not an output directory: there is no such
 trajectory --method rk5 | is not one of
 trajectory --preset GH --output run.xlsx | the name must end in .parquet or .csv
+trajectory --preset GH --size 3,2 | --size: there is no figure; add --figure FILE
+trajectory --preset GH --style ggplot | --style: there is no figure; add --figure FILE
 trajectory --preset GH --figure run.jpg | the name must end in .svg or .png or .pdf
 trajectory --preset GH --accuracy draft --tol 1e-7 | --tol: accuracy: draft sets the method and its tol; leave --tol out
 trajectory --preset GH --dt-step 0.5 | --dt-step: dop853 takes tol alone; leave --dt-step out
@@ -63,6 +65,7 @@ compare c c --allow x | --allow x: give a number from 0 to 1
 slurm c.yaml --shards 1 --mem lots | --mem lots: is not a size of memory; write it as in 4G
 fit s.yaml t.csv | body: alpha is missing; add it, or give preset, shape, mesh, mass or f_sd
 body | --alpha is missing; add it, or give --preset, --half-ellipsoid, --mesh, --mass or --f-sd
+body --mass 60g --xi-deg 3 --inertia 2,16,17kg*cm^2 --height 1cm --radii 1,2cm | --xi-deg does not go with --mass; leave one of them out
 body --preset GH --mass 60g | --mass does not go with --preset; leave one of them out
 body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 95deg | skew is 95deg; from -89.95 to 89.95 deg is allowed
 body --mass '85 gr' | --mass 85 gr: has the unit gr: it would be read as a grain; a mass is needed, such as 85 g

@@ -1,9 +1,12 @@
 """A public name stands for one thing in the whole package, or for the same thing."""
 
 import ast
+import re
 from collections import Counter, defaultdict
 
 from sweeping import CONFIGS
+
+import rattlesweep as rs
 
 PACKAGE = CONFIGS.parent / "rattlesweep"
 # Names that stand in two modules or more, and why each is one thing.
@@ -50,6 +53,53 @@ def test_a_module_has_a_name_of_its_own():
     assert doubled == {
         name for names in SAME_MODULES.values() for name in names.split()
     }
+
+
+# Words before a dot that name no module where they stand: keys of configs, fields of a
+# lane, files of a sweep.
+NO_MODULES = {"bodies", "lane", "manifest", "summary", "tradeoff"}
+REFERENCE = re.compile(r"`([a-z_]+(?:\.[A-Za-z_0-9]+)+)`")
+
+
+def test_what_docstrings_and_comments_refer_to_is_there():
+    names = {}
+    for path in PACKAGE.rglob("*.py"):
+        place = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        if place[-1] == "__init__":
+            place = place[:-1]
+        names[place] = _names_in(path.read_text("utf-8"))
+    missing = []
+    seen = 0
+    for path in PACKAGE.rglob("*.py"):
+        for reference in REFERENCE.findall(path.read_text("utf-8")):
+            words = tuple(reference.split("."))
+            # The module with the longest path that the reference begins with.
+            for count in range(len(words), 0, -1):
+                own = [place for place in names if place[-count:] == words[:count]]
+                if own:
+                    break
+            if not own or words[0] in NO_MODULES or hasattr(rs, words[-1]):
+                continue
+            seen += 1
+            rest = {*words[count:]}
+            if not any(rest <= names[place] for place in own):
+                missing.append(f"{path.relative_to(PACKAGE)}: {reference}")
+    assert missing == []
+    assert seen > 100
+
+
+def _names_in(source: str) -> set[str]:
+    """Return all that a module defines, imports, or sets as an attribute."""
+    names = set()
+    for node in ast.walk(ast.parse(source)):
+        match node:
+            case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+                names.add(name)
+            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.arg(arg=name):
+                names.add(name)
+            case ast.alias(name=name, asname=other):
+                names.add((other or name).split(".")[-1])
+    return names
 
 
 def _defined(node: ast.stmt) -> list[str]:

@@ -4,6 +4,8 @@ import io
 import json
 from typing import Any
 
+import matplotlib as mpl
+import matplotlib.image
 import numpy as np
 import pandas as pd
 import pyarrow.csv as pcsv
@@ -13,6 +15,7 @@ from sweeping import invoke, plan_of, prepared
 
 import rattlesweep as rs
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
+from rattlesweep.analysis.room import misplaced_texts
 from rattlesweep.design.launch import Launch
 from rattlesweep.kernel.batch import integrate
 from rattlesweep.kernel.method.tableau import METHODS
@@ -128,3 +131,35 @@ def test_friction_between_steps_counts_for_the_warning(n_i, t_end, method):
     record = frozenset({"contact", "reversals"})
     stored = integrate(batch, METHODS[method], FULL, record=record).contact_ratio_max[0]
     assert course.friction == pytest.approx(stored, rel=1e-4)
+
+
+def test_a_figure_has_the_size_and_the_style_of_the_user(tmp_path):
+    usual = tmp_path / "usual.png"
+    own = tmp_path / "own.png"
+    style = tmp_path / "grey.mplstyle"
+    style.write_text("figure.facecolor: 808080\n")
+    assert command("--figure", usual).exit_code == 0
+    result = command("--figure", own, "--size", "3.35,2.5", "--style", style)
+    assert result.exit_code == 0
+    height, width, _ = matplotlib.image.imread(own).shape
+    assert width / height == pytest.approx(3.35 / 2.5, rel=0.01)
+    assert matplotlib.image.imread(usual).shape[1] / width == pytest.approx(
+        7.2 / 3.35, rel=0.01
+    )
+    assert matplotlib.image.imread(own)[0, 0, :3] == pytest.approx(128 / 255, abs=0.01)
+
+
+def test_a_narrow_figure_keeps_its_texts_apart():
+    run = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=130.0, points=200)
+    with mpl.rc_context({"figure.figsize": (3.35, 2.8)}):
+        figure = run.plot()
+    assert figure.get_size_inches() == pytest.approx([3.35, 2.8])
+    assert misplaced_texts(figure) == []
+    assert all(axes.get_ylabel() for axes in figure.axes)
+    (legend,) = figure.legends
+    assert legend.get_title().get_text().startswith("α 13.04")
+    with (
+        mpl.rc_context({"figure.figsize": (1.2, 2.8)}),
+        pytest.raises(rs.ConfigError, match="give more"),
+    ):
+        run.plot()

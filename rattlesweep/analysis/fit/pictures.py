@@ -23,13 +23,13 @@ def draw_films(
     films: Sequence[Film], expected: Sequence[Floats], path: str | Path | None = None
 ) -> Figure:
     """Draw data, fit and residuals of films side by side; write them to a `path`."""
-    from rattlesweep.analysis import style
+    from rattlesweep.analysis import room, style
     from rattlesweep.analysis.onerun.figure import shown
 
     count = len(films)
     width = WIDTHS[0] if count == 1 else WIDTHS[1] * count
     with style.styled():
-        figure = style.new_figure(width, 4.6)
+        figure = room.usual_figure(width, 4.6)
         panels = figure.subplots(
             2, count, sharex="col", height_ratios=(3, 1), squeeze=False
         )

@@ -227,7 +227,7 @@ def draw_profile(
     path: str | Path | None = None,
 ) -> Figure:
     """Return the figure of a profile, in units of a `size`."""
-    from rattlesweep.analysis import style
+    from rattlesweep.analysis import room, style
     from rattlesweep.analysis.onerun.figure import shown
 
     name = str(table.columns[0])
@@ -252,7 +252,7 @@ def draw_profile(
     dots: dict[str, Any] = {"marker": ".", "markersize": 4, "linestyle": "none"}
     ends: dict[str, Any] = {"color": style.VERMILION, "linewidth": 1.0}
     with style.styled():
-        figure = style.new_figure(4.6, 3.2)
+        figure = room.usual_figure(4.6, 3.2)
         axes = figure.subplots()
         axes.plot(line, curve, color=style.BLUE, label="profile", linewidth=1.2)
         axes.plot(values, increase, color=style.BLUE, **dots)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rattlesweep.analysis import style
+from rattlesweep.analysis import room, style
 from rattlesweep.analysis.onerun.channels import CHANNELS
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.style import BLUE, GREY, INK, VERMILION, curve
@@ -89,7 +89,7 @@ def draw_section(
         )
     columns = course.columns()
     with style.styled():
-        figure = style.new_figure(*mpl.rcParams["figure.figsize"])
+        figure = room.usual_figure(*mpl.rcParams["figure.figsize"])
         axes = ax or figure.subplots()
         abscissa = course.si.get(x, CHANNELS[x])
         ordinate = course.si.get(y, CHANNELS[y])
@@ -116,7 +116,7 @@ def draw_section(
         if ax is None:
             style.add_legend(figure, handles, [heading])
             style.add_caption(figure, [f"{course.run.title}."], grow=False)
-            style.separate_ticks(figure)
+            room.separate_ticks(figure)
             shown(figure)
         else:
             ax.legend(handles=handles, title=heading)
@@ -129,6 +129,7 @@ def draw_section(
 
 def shown(figure: Figure, path: str | Path | None = None) -> Figure:
     """Make notebooks show a figure, write it to `path` if given, and return it."""
+    room.fit_to_size(figure)
     if path is not None:
         style.save_figure(figure, [as_path(path, "path")])
     # Figures made without pyplot need `_repr_png_` to show in a notebook.
@@ -169,7 +170,7 @@ def draw(
     ]
     run = course.run
     with style.styled():
-        figure = style.new_figure(7.2, 1.1 + 1.85 * len(panels))
+        figure = room.usual_figure(7.2, 1.1 + 1.85 * len(panels))
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         bands = False
         for axis, name in zip(axes, panels, strict=True):
@@ -214,12 +215,16 @@ def draw(
             axes[0].plot([], [], color=GREY, linestyle=":", label=label)
         if slides:
             axes[0].fill([], [], color=PALE, label=counted(len(slides), "slide"))
-        axes[0].legend(
-            loc="upper right", ncols=2, fontsize=8, frameon=True, edgecolor="none"
-        )
         axes[-1].set(xlim=(t[0], t[-1]), xlabel=style.label("t", units["t"]))
         figure.align_ylabels(axes)
-        figure.suptitle(run.title.replace("; ", "\n"), fontsize=9)
+        title = run.title.replace("; ", "\n")
+        if room.chosen_size() is None:
+            axes[0].legend(
+                loc="upper right", ncols=2, fontsize=8, frameon=True, edgecolor="none"
+            )
+            figure.suptitle(title, fontsize=9)
+        else:
+            style.add_legend(figure, axes[0].get_legend_handles_labels()[0], [title])
         if bands:
             style.add_caption(figure, [style.BAND])
         return shown(figure, path)

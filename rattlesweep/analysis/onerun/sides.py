@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from rattlesweep.analysis import style
+from rattlesweep.analysis import room, style
 from rattlesweep.analysis.derived import DerivedQuantity
 from rattlesweep.analysis.style import BLUE, GREY, INK, VERMILION
 from rattlesweep.arrays import Floats
@@ -47,6 +47,7 @@ def save_figure_of_mesh(
     with style.styled():
         figure = draw_mesh(solid, standing, quantities)
         figure.suptitle(Path(file).name, fontsize=10)
+        room.fit_to_size(figure)
         style.save_figure(figure, [path])
 
 
@@ -59,7 +60,7 @@ def draw_mesh(
 
     Lengths are in mm from the foot of the body, z upwards.
     """
-    figure = style.new_figure(9.6, 6.6)
+    figure = room.usual_figure(9.6, 6.6)
     grid = figure.add_gridspec(2, 3, height_ratios=[1, 1.6])
     local = (solid.vertices - standing.mass.centre) @ standing.axes.T
     local[:, 2] += standing.height

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rattlesweep.analysis import style
+from rattlesweep.analysis import room, style
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.onerun.figure import draw, shown
 from rattlesweep.analysis.style import BLUE, INK, ORANGE, PURPLE, VERMILION
@@ -44,7 +44,7 @@ def draw_family(
     check_names("y", [y], [str(name) for name in table if table[name].dtype == float])
     is_stable = (table["kind"] == "stable").to_numpy()
     with style.styled():
-        figure = style.new_figure(6.4, 4.2)
+        figure = room.usual_figure(6.4, 4.2)
         axes = ax or figure.subplots()
         units = table.attrs["units"]
         axes.set_xlabel(style.label(x, units[x]))

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rattlesweep.analysis import style
+from rattlesweep.analysis import room, style
 from rattlesweep.analysis.labels import Labels
 from rattlesweep.analysis.layout import LAUNCH_COLUMNS, Axis, SweepLayout
 from rattlesweep.analysis.style import label, value_text
@@ -258,15 +258,15 @@ class Picture(ABC):
         self._check_runs()
 
         def drawn(size: tuple[float, float] | None) -> Figure:
-            with style.sized(size):
+            with room.sized(size):
                 figure = self._drawn(title, log, caption, size, xlim, ylim, labels)
-                style.separate_ticks(figure)
+                room.separate_ticks(figure)
             if size is not None:
-                style.check_panels(figure, size)
+                room.check_panels(figure, size)
             return figure
 
-        wanted = size or style.chosen_size()
-        return drawn(None) if wanted is None else style.with_room(drawn, wanted)
+        wanted = size or room.chosen_size()
+        return drawn(None) if wanted is None else room.with_room(drawn, wanted)
 
     def _drawn(
         self,

@@ -52,6 +52,7 @@ def body_from(
     spelled : callable
         Returns how messages spell a key, such as an option of a command.
     """
+    skew = next((name for name in ANGLES if name in values), "xi")
     values = _with_skew_in_radians(dict(values), spelled)
     way, make = _maker(values)
     # The keys that may be given, and whether they must: the arguments of the function,
@@ -72,8 +73,9 @@ def body_from(
             continue
         if key in (*SIZE_KINDS, *WAYS, *PARAMETERS, "z_up", *OF_MESHES):
             chosen = "a body by its parameters" if way not in WAYS else spelled(way)
+            given = spelled(skew if key == "xi" else key)
             raise ConfigError(
-                f"{spelled(key)} does not go with {chosen}; leave one of them out"
+                f"{given} does not go with {chosen}; leave one of them out"
             )
         known = [spelled(each) for each in dict.fromkeys((*required, *WAYS))]
         raise ConfigError(not_one_of(spelled(key), known))
