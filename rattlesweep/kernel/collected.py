@@ -47,12 +47,15 @@ def layout_of(model: Model | None) -> Layout:
     ends: list[type] = [kinds.MotionFields, tangents.TangentFields]
     others: list[type] = [kinds.BodyFields]
     results: list[type] = []
+    if model.pivot is not None:
+        ends.append(pivots.HoldFields)
     if model.slide is not None:
+        # The slip is last, where `kernel.follow` reads and writes it.
         ends.append(slides.SlipFields)
+        # The coefficient of friction is first, behind the constants (`runs.start`).
         others += slides.SlideFields, slots.SlotFields
         results.append(slides.SlideResults)
     if model.pivot is not None:
-        ends.append(pivots.HoldFields)
         others.append(pivots.RestFields)
         results.append(pivots.RestResults)
     if model.n_tangents:

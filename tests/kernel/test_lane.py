@@ -15,7 +15,7 @@ from rattlesweep.compiling import intrinsics
 from rattlesweep.kernel.collected import layout_of
 from rattlesweep.kernel.recipes import problem_of
 from rattlesweep.kernel.state import lane as lanes
-from rattlesweep.kernel.state.fields import Point
+from rattlesweep.kernel.state.fields import N_SLIP, Point
 from rattlesweep.kernel.state.lane import Lane
 from rattlesweep.motion.model import FULL, find_model
 
@@ -97,6 +97,11 @@ def test_a_lane_has_each_field_once_in_the_order_of_its_nouns(name):
     kept = at.results - at.kept  # an end of a step, without names
     assert sum(sizes) == at.stages - kept
     assert at.y == at.first == shared.first
+    if "slip" in at.fields:
+        # Trajectories read it and write it there.
+        assert at.slip == at.second - N_SLIP
+        # A run begins with its constants and this one in one piece.
+        assert at.mu == at.constants + find_model(name).n_constants
 
 
 def test_only_models_that_slide_have_rows_for_slides():
