@@ -81,7 +81,9 @@ def search_peaks(problem, traits, w, l):  # type: ignore[no-untyped-def]
 @njit(**INNER)
 def _try_on(lane: Lane) -> bool:
     """Let the point just tried count; return whether there is a next one."""
-    return _try_mark(lane) if lane.searched >= FIRST_MARK else _climb(lane)
+    if lane.searched >= FIRST_MARK:
+        return _try_mark(lane)
+    return _climb(lane)
 
 
 @njit(**INNER)
@@ -91,8 +93,10 @@ def _bracket_next(lane: Lane) -> bool:
     Return whether there is one.
     """
     while lane.searched < N_FUNCTIONS:
-        is_mark = lane.searched >= FIRST_MARK
-        if _bracket_mark(lane) if is_mark else _bracket_peak(lane):
+        if lane.searched >= FIRST_MARK:
+            if _bracket_mark(lane):
+                return True
+        elif _bracket_peak(lane):
             return True
         lane.searched += 1.0
     return False

@@ -14,7 +14,7 @@ from which it does.
 # mypy: ignore-errors
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import ceil, copysign, exp, nan, pi
+from math import copysign, exp, nan, pi
 from typing import Any
 
 from numba import njit
@@ -34,8 +34,6 @@ from rattlesweep.kernel.look.inside import (
     FOLLOWED,
     GLANCED,
     INTERPOLATED,
-    MOST_PIECES,
-    SPACING,
     along_flow,
     at_zero,
     between,
@@ -44,6 +42,7 @@ from rattlesweep.kernel.look.inside import (
     falls,
     may_dip,
     middle,
+    pieces_of,
     rates_beyond,
 )
 from rattlesweep.kernel.state.fields import (
@@ -434,7 +433,7 @@ def may_fall_within(problem, w, l):
     beyond = rates_beyond(lane)
     ends = ends_of(lane)
     constants = lane.constants
-    pieces = min(MOST_PIECES, ceil(lane.h * lane.swing / SPACING))
+    pieces = pieces_of(lane)
     looks = int(pieces) + 1
     seen_below = seen_above = NEVER, -NEVER, 0.0, 0.0, 0.0
     for first in range(0, looks, GROUP):
