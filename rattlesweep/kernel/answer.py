@@ -7,17 +7,19 @@ or tangents.  Both are compiled for each model and called by their addresses.
 """
 
 # mypy: ignore-errors
-from math import sqrt
-
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import INNER, moved
-from rattlesweep.kernel.look.extremes import note_contact, start_points
+from rattlesweep.compiling.intrinsics import INNER
+from rattlesweep.kernel.look.extremes import (
+    contact_points,
+    note_contact,
+    start_extremes,
+)
 from rattlesweep.kernel.runs import UNKNOWN_RATE
-from rattlesweep.kernel.state.fields import DIFFERENCE, NEVER, Point
+from rattlesweep.kernel.state.fields import NEVER
 from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.kernel.state.statuses import LIFTS_OFF, OK, RIM
-from rattlesweep.physics.full import FASTMATH, scalar
+from rattlesweep.physics.full import FASTMATH
 
 # What is asked for one lane.
 BEGIN, IDLE, DERIVE, MEASURE, SETTLE, LIMIT, END, CHANGE = range(8)
@@ -32,24 +34,6 @@ def derive(lane):
     f = lane.problem.model.rhs(y, lane.constants)
     lane.f = f
     return lane.problem.model.spin(y), lane.problem.model.spin_rate(y, f)
-
-
-@scalar
-def contact_points(lane, h, y, f):
-    """Return the ratio of the contact forces and the negative normal force.
-
-    ``f`` is the derivative in the state ``y``.
-    """
-    # The rates are differences along the flow; an error of them only moves the place
-    # at which an extreme is evaluated.
-    ahead = DIFFERENCE / lane.swing
-    model = lane.problem.model
-    normal, square = model.force(y, f, lane.constants)
-    ratio = sqrt(square) / abs(normal)
-    later_normal, tangential = model.contact(moved(y, f, ahead), lane.constants)
-    rate = (tangential / abs(later_normal) - ratio) / ahead
-    lift_rate = (normal - later_normal) / ahead
-    return Point(h, ratio, rate), Point(h, -normal, lift_rate)
 
 
 @njit(fastmath=FASTMATH, forceinline=True, **INNER)
@@ -94,10 +78,7 @@ def begin_run(lane):
     if lane.refused0 > 0.0:
         lane.watched = 1.0
     lane.limit0 = lane.problem.modes.limit(lane, 0.0, lane.y, lane.f)
-    lane.ratio1, lane.lift1 = contact_points(lane, 0.0, lane.y, lane.f)
-    lane.normal_min = NEVER
-    note_contact(lane)
-    start_points(lane)
+    start_extremes(lane)
     lane.problem.modes.launch(lane)
     lane.problem.tangents.start(lane)
 

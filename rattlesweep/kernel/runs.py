@@ -18,6 +18,7 @@ from rattlesweep.kernel.state.fields import (
     STEP,
     Flag,
     Number,
+    OfEnd,
     Point,
 )
 from rattlesweep.kernel.state.lane import lane_of, recorded
@@ -93,7 +94,7 @@ class RunFields:
     oscillation1: Number  # largest oscillation at the end of the step
     drift_max: Number
     volume: Number  # logarithm of phase volume
-    volume_rate1: Number  # its rate over the step
+    volume_rate1: OfEnd[Number]  # its rate over the step
 
     # Reversals; times are -1 for none.
     t_zero: Number  # first zero of the spin
@@ -455,7 +456,7 @@ def hold_back(problem, traits, w, l):
 def keep_end(problem, traits, w, l):
     """Keep the end of the step just tried, while a search in it tries shorter ones.
 
-    Kept are the rows of `END_OF_STEP`, and then those that the model has there.
+    Kept are the rows that are :data:`OfEnd`, and then those that the model has there.
     """
     lanes = problem.lanes
     kept = traits.kept * lanes + l

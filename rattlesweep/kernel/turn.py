@@ -38,10 +38,10 @@ from rattlesweep.kernel.event.zeros import (
     HOLD,
     REVERSED,
     TAKE,
-    may_be_far,
     may_reverse,
 )
 from rattlesweep.kernel.look import extremes, late
+from rattlesweep.kernel.look.extremes import may_be_far
 from rattlesweep.kernel.look.marks import note_mark
 from rattlesweep.kernel.state.fields import (
     GROUP,

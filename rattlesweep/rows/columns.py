@@ -10,7 +10,16 @@ from collections.abc import Collection, Iterable
 import pyarrow as pa
 
 from rattlesweep.rows.arrow import _SERIES, F64, FLAG, I32, I64, TEXT
-from rattlesweep.rows.groups import Column, Group, must, of_loss, of_surface, on_request
+from rattlesweep.rows.groups import (
+    Column,
+    Group,
+    must,
+    of_extremes,
+    of_loss,
+    of_mark,
+    of_surface,
+    on_request,
+)
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.names import REGIMES
 from rattlesweep.words.quantities import (
@@ -18,7 +27,6 @@ from rattlesweep.words.quantities import (
     CONSTANT_OF_SURFACE,
     DRIVES,
     ENERGY,
-    FORCE,
     LOSSES,
     MEASURES,
     QUANTITIES,
@@ -26,6 +34,7 @@ from rattlesweep.words.quantities import (
     TIME,
     Definition,
 )
+from rattlesweep.words.watched import EXTREME_WORDS, MARK_QUANTITIES
 
 # When there is no rate of growth: "rolling > 0 or ...", for all losses that are no
 # linear function of the angular velocity.
@@ -392,27 +401,7 @@ GROUPS = (
         ),
         not_with=("gh",),
     ),
-    on_request(
-        "contact",
-        "`record: [contact]`",
-        (
-            Column(
-                "contact_ratio_max",
-                F64,
-                lambda runs: runs.integrated.contact_ratio_max,
-                meaning="largest F_perp / F_parallel at the contact",
-                refines=True,
-            ),
-            Column(
-                "contact_normal_min",
-                F64,
-                lambda runs: runs.integrated.contact_normal_min,
-                FORCE,
-                "smallest F_parallel; negative: lift-off",
-            ),
-        ),
-        not_with=("reduced", "gh"),
-    ),
+    *map(of_extremes, EXTREME_WORDS),
     on_request(
         "windows",
         "`record: [windows]`",
@@ -532,21 +521,7 @@ GROUPS = (
         ),
         not_with=("reduced", "gh"),
     ),
-    on_request(
-        "t_half",
-        "`record: [t_half]`",
-        (
-            Column(
-                "t_half",
-                F64,
-                lambda runs: runs.integrated.mark("t_half"),
-                TIME,
-                "first time at which the spin has half its size; null: never",
-                refines=True,
-            ),
-        ),
-        not_with=("gh",),
-    ),
+    *map(of_mark, MARK_QUANTITIES),
     on_request(
         "late",
         "`record: [late]`",

@@ -9,6 +9,12 @@ import pyarrow as pa
 
 from rattlesweep.rows.arrow import F64, Values, field
 from rattlesweep.words.quantities import QUANTITIES, Definition
+from rattlesweep.words.watched import (
+    EXTREME_QUANTITIES,
+    ExtremeQuantity,
+    ExtremeWord,
+    MarkQuantity,
+)
 
 if TYPE_CHECKING:
     # What is stored is read without the kernels, which results need.
@@ -89,4 +95,42 @@ def of_surface(name: str) -> Column:
         F64,
         lambda runs: runs.launches.bodies.further[name],
         note="null: a paraboloid",
+    )
+
+
+def of_mark(mark: MarkQuantity) -> Group:
+    """Return the column of a mark, which its name adds."""
+    column = Column(
+        mark.name,
+        F64,
+        lambda runs: runs.integrated.mark(mark.name),
+        mark.unit,
+        mark.meaning,
+        mark.note,
+        refines=True,
+    )
+    return on_request(
+        mark.name, f"`record: [{mark.name}]`", (column,), not_with=("gh",)
+    )
+
+
+def of_extremes(word: ExtremeWord) -> Group:
+    """Return the columns of the extremes that a word of `record` adds."""
+    extremes = [each for each in EXTREME_QUANTITIES if each.word == word]
+    return on_request(
+        word,
+        f"`record: [{word}]`",
+        tuple(map(_of_extreme, extremes)),
+        not_with=("reduced", "gh"),
+    )
+
+
+def _of_extreme(extreme: ExtremeQuantity) -> Column:
+    return Column(
+        extreme.name,
+        F64,
+        lambda runs: runs.integrated.extreme(extreme.name),
+        extreme.unit,
+        extreme.meaning,
+        refines=True,
     )

@@ -7,6 +7,8 @@ They are types, for those who check types, and tuples.  Methods are named in
 
 from typing import Literal, get_args
 
+from rattlesweep.words.watched import ExtremeName, ExtremeWord, MarkName
+
 ModelName = Literal["full", "reduced", "gh"]
 PresetName = Literal["GH", "KL"]
 AccuracyName = Literal["draft", "standard", "reference"]
@@ -24,12 +26,12 @@ ExportFormat = Literal["mjcf", "json"]
 BranchParameter = Literal["energy", "alpha", "beta", "gamma", "theta", "phi", "xi"]
 RecordName = Literal[
     "energy",
-    "contact",
+    ExtremeWord,
     "windows",
     "lyapunov",
     "spectrum",
     "volume",
-    "t_half",
+    MarkName,
     "late",
     "casimir",
     "error",
@@ -54,11 +56,11 @@ RefineName = Literal[
     "n_slides",
     "slide_time",
     "slide_work",
-    "contact_ratio_max",
+    ExtremeName,
     "lyapunov",
     "kaplan_yorke",
     "regime",
-    "t_half",
+    MarkName,
     "n_late_mean",
     "n_late_std",
     "n_turns",

@@ -7,8 +7,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rattlesweep.kernel.batch import integrate
+from rattlesweep.kernel.look.extremes import PLACES_OF_EXTREMES
+from rattlesweep.kernel.look.marks import MARKS
 from rattlesweep.kernel.method.tableau import METHODS
 from rattlesweep.motion.model import FULL
+from rattlesweep.rows.columns import COLUMNS
+from rattlesweep.words.names import RECORDABLE
+from rattlesweep.words.watched import EXTREME_QUANTITIES, MARK_QUANTITIES
 
 GH = oracle.GH
 DOP853 = METHODS["dop853"]
@@ -48,6 +53,19 @@ def test_a_mark_is_null_without_spin_and_where_it_is_not_reached():
     runs = kernels.full_batch(GH, [0.0, 0.1, 0.1], [0.1, 1e-4, 0.01], t_end=horizons)
     out = integrate(runs, DOP853, FULL, record=T_HALF)
     assert np.isnan(out.mark("t_half")).tolist() == [True, True, False]
+
+
+def test_what_is_watched_has_a_word_and_a_column_with_its_unit_and_meaning():
+    """Each is computed in one file of the kernel, and explained in one of words."""
+    assert {mark.name for mark in MARKS} == {each.name for each in MARK_QUANTITIES}
+    assert PLACES_OF_EXTREMES.keys() == {each.name for each in EXTREME_QUANTITIES}
+    words = {mark.name for mark in MARK_QUANTITIES}
+    words |= {extreme.word for extreme in EXTREME_QUANTITIES}
+    assert words < {*RECORDABLE}
+    for quantity in (*MARK_QUANTITIES, *EXTREME_QUANTITIES):
+        metadata = COLUMNS[quantity.name].field.metadata
+        assert metadata[b"unit"].decode() == quantity.unit
+        assert metadata[b"description"].decode().startswith(quantity.meaning)
 
 
 def test_half_the_spin_comes_before_the_reversal():

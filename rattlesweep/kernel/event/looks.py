@@ -9,21 +9,16 @@ something new is watched: the step is then searched (`event.zeros`).
 """
 
 # mypy: ignore-errors
-from math import sqrt
 
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import INNER, widest_vectors
-from rattlesweep.kernel.answer import contact_points
+from rattlesweep.compiling.intrinsics import INNER
 from rattlesweep.kernel.event.peaks import mark_points
-from rattlesweep.kernel.event.zeros import may_be_far
-from rattlesweep.kernel.look import inside
-from rattlesweep.kernel.look.extremes import CONTACT, REVERSALS, least_turn, turn_points
+from rattlesweep.kernel.look import extremes, inside
 from rattlesweep.kernel.look.marks import MARKS, value_of
-from rattlesweep.kernel.state.fields import NEVER, PEAK, Flag, Number, Peak, Point
+from rattlesweep.kernel.state.fields import Flag, Number, Peak
 from rattlesweep.kernel.state.lane import lane_of
-from rattlesweep.kernel.state.ways import steps_in_rack
-from rattlesweep.physics.full import FASTMATH, scalar
+from rattlesweep.physics.full import FASTMATH
 
 # When lanes are looked at: before lanes that slide replace what was tried on them, and
 # after it.
@@ -46,119 +41,11 @@ def look_within(problem, w, stage, wanted, marks):
     marks; without runs, none are looked for.
     """
     if stage == ROLLED:
-        observe_contact(problem, w)
+        extremes.observe_contact(problem, w)
         return
-    if wanted & CONTACT != 0:
-        follow_contact(problem, w)
-    if wanted & REVERSALS != 0:
-        observe_spin(problem, w)
-        follow_spin(problem, w)
+    extremes.observe(problem, w, wanted)
     if marks.shape[0] > 0:
         observe_marks(problem, w, marks)
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def observe_contact(problem, w):
-    """Compute the contact forces at the end of the step tried on every lane.
-
-    The forces follow from the state and its derivative, which are known at the end.  In
-    the middle both are those of the cubic through the ends.
-    """
-    widest_vectors()
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        ratio, lift = contact_points(lane, lane.h, lane.y1, lane.f1)
-        normal, square = lane.problem.model.force(
-            inside.middle(lane), inside.middle_rate(lane), lane.constants
-        )
-        tangential = sqrt(square)
-        angle = lane.h * lane.swing
-        # Where the normal force is negative, the ratio has poles.  What the tangential
-        # force exceeds has none; its peak is that of the ratio if no end is higher.
-        recorded_most = lane.ratio_max
-        at_end = ratio.value
-        largest = at_end if at_end > recorded_most else recorded_most
-        start = excess_of(lane.ratio0, lane.lift0, largest)
-        end = excess_of(ratio, lift, largest)
-        seen = inside.glance(start, tangential - largest * abs(normal), end, angle)
-        is_pressed = (lane.lift0.value < 0.0) & (lift.value < 0.0) & (lane.h > 0.0)
-        rubs = is_pressed & (seen.value > inside.least_above(largest))
-        lane.ratio_peak = inside.peak_if(rubs, seen)
-        most = -lane.normal_min
-        seen = inside.glance(lane.lift0, -normal, lift, angle)
-        lifts = (seen.value > most + inside.least_above(most)) & (lane.h > 0.0)
-        lane.lift_peak = inside.peak_if(lifts, seen)
-        is_long = inside.is_long(lane)
-        lane.ratio1 = ratio
-        lane.lift1 = lift
-        lane.inside = 1.0 if is_long else 0.0
-        lane.watched += 1.0 if (rubs | lifts) & (not is_long) else 0.0
-
-
-@scalar
-def excess_of(ratio, lift, largest):
-    """Return by how much the tangential force exceeds a share of the normal force."""
-    normal = abs(lift.value)
-    rate = lift.rate if lift.value > 0.0 else -lift.rate
-    excess = ratio.value - largest
-    return Point(ratio.h, excess * normal, ratio.rate * normal + excess * rate)
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def follow_contact(problem, w):
-    """Find the peaks of the contact in long steps."""
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        if not is_followed(lane) or steps_in_rack(lane):
-            continue
-        largest = max(lane.ratio_max, lane.ratio1.value)
-        ratio, lift = inside.follow_forces(problem, w, l, largest, -lane.normal_min)
-        is_pressed = lane.lift0.value < 0.0 and lane.lift1.value < 0.0
-        lane.ratio_peak = inside.peak_if(is_pressed, ratio)
-        lane.lift_peak = lift
-        if lane.ratio_peak.h > 0.0 or lane.lift_peak.h > 0.0:
-            lane.watched += 1.0
-
-
-@njit(**INNER)
-def observe_spin(problem, w):
-    """Compute which steps tried may complete a turn or hold its largest spin."""
-    widest_vectors()
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        start, end = turn_points(lane)
-        n = lane.problem.model.spin(inside.middle(lane))
-        half = n if lane.n1 > 0.0 else -n
-        most = least_turn(lane)
-        seen = inside.glance(start, half, end, lane.h * lane.swing)
-        may_turn = (start.value > 0.0) & (most < NEVER)
-        rises = may_turn & (seen.value > most + inside.least_above(most))
-        is_long = inside.is_long(lane)
-        lane.turn_peak = inside.peak_if(rises, seen)
-        lane.inside = 1.0 if may_turn & is_long else 0.0
-        is_due = may_be_far(lane) | (rises & (not is_long))
-        lane.watched += 1.0 if is_due else 0.0
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def follow_spin(problem, w):
-    """Find the largest spin of a turn in long steps."""
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        if not is_followed(lane):
-            continue
-        beyond = inside.rates_beyond(lane)
-        most = least_turn(lane)
-        lane.turn_peak = inside.follow(lane, beyond, inside.TURN, most)
-        if lane.turn_peak.h > 0.0:
-            lane.watched += 1.0
-
-
-@njit(**INNER)
-def is_followed(lane):
-    """Return whether the step tried is long, and not one of a search for peaks."""
-    is_taken = lane.error <= 1.0 and lane.search != PEAK
-    return lane.inside > 0.0 and is_taken and lane.run >= 0.0
 
 
 @njit(fastmath=FASTMATH, **INNER)

@@ -32,9 +32,7 @@ from math import ceil, floor, sqrt
 from numba import njit
 
 from rattlesweep.compiling.intrinsics import INNER
-from rattlesweep.kernel.look.extremes import (
-    EXTREMES,
-)
+from rattlesweep.kernel.look.extremes import EXTREMES
 from rattlesweep.kernel.look.marks import MARKS
 from rattlesweep.kernel.state.fields import (
     MINIMUM,
@@ -125,21 +123,6 @@ def may_reverse(h, n0, n1, rate1, rate_max):  # type: ignore[no-untyped-def]
     now = abs(rate1)
     recent = now if now > recent else recent
     return (abs(n0) + abs(n1) < 2.0 * h * recent) | (n0 * n1 <= 0.0)
-
-
-@scalar
-def may_be_far(lane):  # type: ignore[no-untyped-def]
-    """Return whether the spin may reach the awaited modulus in the step tried."""
-    # As in `may_reverse`, for the path to that modulus and back.
-    before = lane.far_rate
-    latest = lane.rate_max
-    recent = 0.9 * (before if lane.arm > 0.0 else latest)
-    now = abs(lane.rate1)
-    recent = now if now > recent else recent
-    n1 = abs(lane.n1)
-    awaited = lane.awaited
-    path = abs(lane.n0) + n1 + 2.0 * lane.h * recent
-    return (n1 > awaited) | (path > 2.0 * awaited)
 
 
 @njit(**INNER)

@@ -1,27 +1,39 @@
 """Extremes: functions of the state whose largest value is kept, between steps too.
 
-An extreme is a record.  A further one is an entry of :data:`EXTREMES`, with its fields
-and its table; an observer in `event.looks`, which says which steps may hold it; and its
-fields of the step tried in `fields.END_OF_STEP`.  Its place within an accepted step is
-found with shorter steps of the method (`event.peaks`).  The search changes nothing else
-of the run.
+An extreme is a record.  All of it is here: its fields, its table, when it counts at the
+ends of steps, which steps may hold it, and its entry in :data:`EXTREMES`.  Its word of
+`record`, its column and its meaning are in `words.watched`.  Its place within an
+accepted step is found with shorter steps of the method (`event.peaks`).  The search
+changes nothing else of the run.
 """
 
-# mypy: disable-error-code="no-untyped-def"
+# mypy: disable-error-code="no-untyped-def, union-attr"
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import sqrt
 from typing import Annotated, Any, NamedTuple
 
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import INNER, choice, widest_vectors
-from rattlesweep.kernel.state.fields import NEVER, Number, Peak, Point
+from rattlesweep.compiling.intrinsics import INNER, choice, moved, widest_vectors
+from rattlesweep.kernel.look import inside
+from rattlesweep.kernel.state.fields import (
+    DIFFERENCE,
+    NEVER,
+    PEAK,
+    Number,
+    OfEnd,
+    Peak,
+    Point,
+)
 from rattlesweep.kernel.state.lane import lane_of, recorded
-from rattlesweep.physics.full import TINY, scalar
+from rattlesweep.kernel.state.ways import steps_in_rack
+from rattlesweep.physics.full import FASTMATH, TINY, scalar
+from rattlesweep.words.watched import EXTREME_WORDS, ExtremeName
 
 # Words of `record` for which extremes are searched, and their bits in what is wanted.
-OF_EXTREMES = "contact", "reversals"
+OF_EXTREMES = *EXTREME_WORDS, "reversals"
 CONTACT, REVERSALS = 1, 2
 
 
@@ -30,16 +42,16 @@ class ExtremeFields:
 
     # The contact forces.
     ratio0: Point  # tangential over normal force, at the start of the step
-    ratio1: Point  # the same at its end
+    ratio1: OfEnd[Point]  # the same at its end
     lift0: Point  # normal force with a minus sign
-    lift1: Point
-    ratio_peak: Peak  # of the step tried, as interpolated (`look.inside`)
-    lift_peak: Peak
+    lift1: OfEnd[Point]
+    ratio_peak: OfEnd[Peak]  # of the step tried, as interpolated (`look.inside`)
+    lift_peak: OfEnd[Peak]
     ratio_max: Number  # largest ratio so far
     normal_min: Number  # least normal force so far
 
     # The spin since the last reversal.
-    turn_peak: Peak  # of the step tried, as interpolated
+    turn_peak: OfEnd[Peak]  # of the step tried, as interpolated
     n_after: Number  # largest modulus of the spin since the last reversal
     n_peak: Number  # largest modulus found within the step
 
@@ -51,15 +63,16 @@ class ExtremeRecord:
     # Largest ratio of the contact forces, least normal force.
     contact: Annotated[Floats, (1, 2)]
 
-    @property
-    def contact_ratio_max(self) -> Floats:
-        """Return the largest ratio of the forces."""
-        return self.contact[:, 0, 0]
+    def extreme(self, name: ExtremeName) -> Floats:
+        """Return the values of an extreme."""
+        return PLACES_OF_EXTREMES[name](self)
 
-    @property
-    def contact_normal_min(self) -> Floats:
-        """Return the least normal force."""
-        return self.contact[:, 0, 1]
+
+PLACES_OF_EXTREMES: dict[ExtremeName, Callable[[ExtremeRecord], Floats]] = {
+    "contact_ratio_max": lambda record: record.contact[:, 0, 0],
+    "contact_normal_min": lambda record: record.contact[:, 0, 1],
+}
+"""Where the values of extremes are."""
 
 
 class Extreme(NamedTuple):
@@ -72,29 +85,22 @@ class Extreme(NamedTuple):
     peak: Callable[..., Any]
     # scale(lane): what the bend of this peak is divided by at the first point tried, to
     # be one of the function.  (That of the ratio is a bend of what the tangential force
-    # exceeds, see `looks.observe_contact`.)
+    # exceeds, see `observe_contact`.)
     scale: Callable[..., Any]
     # keep(lane, value): keep a largest value within the step
     keep: Callable[..., None]
 
 
-# Extremes at the ends of steps.
+# When extremes count.
 
 
 @njit(**INNER)
-def note_contact(lane):
-    """Let the end of the step just tried count in the extremes of the contact."""
-    lane.ratio_max = max(lane.ratio_max, lane.ratio1.value)
-    lane.normal_min = min(lane.normal_min, -lane.lift1.value)
-
-
-@njit(**INNER)
-def start_points(lane):
-    """Let the ratio and the lift at the end of the step be those at the next start."""
-    ratio = lane.ratio1
-    lift = lane.lift1
-    lane.ratio0 = Point(0.0, ratio.value, ratio.rate)
-    lane.lift0 = Point(0.0, lift.value, lift.rate)
+def start_extremes(lane):
+    """Let the extremes of a run begin with its launch."""
+    lane.ratio1, lane.lift1 = contact_points(lane, 0.0, lane.y, lane.f)
+    lane.normal_min = NEVER
+    note_contact(lane)
+    start_points(lane)
 
 
 @njit(**INNER)
@@ -112,6 +118,66 @@ def advance(problem, w, recording):
     """
     if recorded(recording.contact):
         _advance_contact(problem, w)
+
+
+@njit(**INNER)
+def store(lane, run, recording):
+    """Store the extremes of a run that has ended."""
+    if recorded(recording.contact):
+        note_contact(lane)
+        recording.contact[run, 0, 0] = lane.ratio_max
+        recording.contact[run, 0, 1] = lane.normal_min
+
+
+@njit(**INNER)
+def observe(problem, w, wanted_bits):
+    """Look into the steps just tried on all lanes, for the extremes that are wanted.
+
+    A step that may hold one is watched.  The contact has been observed already
+    (:func:`observe_contact`), before lanes that slide replace what was tried on them.
+    """
+    if wanted_bits & CONTACT != 0:
+        follow_contact(problem, w)
+    if wanted_bits & REVERSALS != 0:
+        observe_spin(problem, w)
+        follow_spin(problem, w)
+
+
+# The contact forces at the ends of steps.
+
+
+@scalar
+def contact_points(lane, h, y, f):
+    """Return the ratio of the contact forces and the negative normal force.
+
+    ``f`` is the derivative in the state ``y``.
+    """
+    # The rates are differences along the flow; an error of them only moves the place
+    # at which an extreme is evaluated.
+    ahead = DIFFERENCE / lane.swing
+    model = lane.problem.model
+    normal, square = model.force(y, f, lane.constants)
+    ratio = sqrt(square) / abs(normal)
+    later_normal, tangential = model.contact(moved(y, f, ahead), lane.constants)
+    rate = (tangential / abs(later_normal) - ratio) / ahead
+    lift_rate = (normal - later_normal) / ahead
+    return Point(h, ratio, rate), Point(h, -normal, lift_rate)
+
+
+@njit(**INNER)
+def note_contact(lane):
+    """Let the end of the step just tried count in the extremes of the contact."""
+    lane.ratio_max = max(lane.ratio_max, lane.ratio1.value)
+    lane.normal_min = min(lane.normal_min, -lane.lift1.value)
+
+
+@njit(**INNER)
+def start_points(lane):
+    """Let the ratio and the lift at the end of the step be those at the next start."""
+    ratio = lane.ratio1
+    lift = lane.lift1
+    lane.ratio0 = Point(0.0, ratio.value, ratio.rate)
+    lane.lift0 = Point(0.0, lift.value, lift.rate)
 
 
 @njit(**INNER)
@@ -144,16 +210,77 @@ def _advance_contact(problem, w):
         )
 
 
+# The contact forces within steps.
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def observe_contact(problem, w):
+    """Compute the contact forces at the end of the step tried on every lane.
+
+    The forces follow from the state and its derivative, which are known at the end.  In
+    the middle both are those of the cubic through the ends.
+    """
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        ratio, lift = contact_points(lane, lane.h, lane.y1, lane.f1)
+        normal, square = lane.problem.model.force(
+            inside.middle(lane), inside.middle_rate(lane), lane.constants
+        )
+        tangential = sqrt(square)
+        angle = lane.h * lane.swing
+        # Where the normal force is negative, the ratio has poles.  What the tangential
+        # force exceeds has none; its peak is that of the ratio if no end is higher.
+        recorded_most = lane.ratio_max
+        at_end = ratio.value
+        largest = at_end if at_end > recorded_most else recorded_most
+        start = excess_of(lane.ratio0, lane.lift0, largest)
+        end = excess_of(ratio, lift, largest)
+        seen = inside.glance(start, tangential - largest * abs(normal), end, angle)
+        is_pressed = (lane.lift0.value < 0.0) & (lift.value < 0.0) & (lane.h > 0.0)
+        rubs = is_pressed & (seen.value > inside.least_above(largest))
+        lane.ratio_peak = inside.peak_if(rubs, seen)
+        most = -lane.normal_min
+        seen = inside.glance(lane.lift0, -normal, lift, angle)
+        lifts = (seen.value > most + inside.least_above(most)) & (lane.h > 0.0)
+        lane.lift_peak = inside.peak_if(lifts, seen)
+        is_long = inside.is_long(lane)
+        lane.ratio1 = ratio
+        lane.lift1 = lift
+        lane.inside = 1.0 if is_long else 0.0
+        lane.watched += 1.0 if (rubs | lifts) & (not is_long) else 0.0
+
+
+@scalar
+def excess_of(ratio, lift, largest):
+    """Return by how much the tangential force exceeds a share of the normal force."""
+    normal = abs(lift.value)
+    rate = lift.rate if lift.value > 0.0 else -lift.rate
+    excess = ratio.value - largest
+    return Point(ratio.h, excess * normal, ratio.rate * normal + excess * rate)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def follow_contact(problem, w):
+    """Find the peaks of the contact in long steps."""
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        if not is_followed(lane) or steps_in_rack(lane):
+            continue
+        largest = max(lane.ratio_max, lane.ratio1.value)
+        ratio, lift = inside.follow_forces(problem, w, l, largest, -lane.normal_min)
+        is_pressed = lane.lift0.value < 0.0 and lane.lift1.value < 0.0
+        lane.ratio_peak = inside.peak_if(is_pressed, ratio)
+        lane.lift_peak = lift
+        if lane.ratio_peak.h > 0.0 or lane.lift_peak.h > 0.0:
+            lane.watched += 1.0
+
+
 @njit(**INNER)
-def store(lane, run, recording):
-    """Store the extremes of a run that has ended."""
-    if recorded(recording.contact):
-        note_contact(lane)
-        recording.contact[run, 0, 0] = lane.ratio_max
-        recording.contact[run, 0, 1] = lane.normal_min
-
-
-# Extremes within steps.
+def is_followed(lane):
+    """Return whether the step tried is long, and not one of a search for peaks."""
+    is_taken = lane.error <= 1.0 and lane.search != PEAK
+    return lane.inside > 0.0 and is_taken and lane.run >= 0.0
 
 
 @scalar
@@ -202,6 +329,58 @@ def lift_peak(lane):
 def keep_lift(lane, value):
     """Keep a least normal force."""
     lane.normal_min = min(lane.normal_min, -value)
+
+
+# The spin of a turn.
+
+
+@scalar
+def may_be_far(lane):
+    """Return whether the spin may reach the awaited modulus in the step tried."""
+    # As in `zeros.may_reverse`, for the path to that modulus and back.
+    before = lane.far_rate
+    latest = lane.rate_max
+    recent = 0.9 * (before if lane.arm > 0.0 else latest)
+    now = abs(lane.rate1)
+    recent = now if now > recent else recent
+    n1 = abs(lane.n1)
+    awaited = lane.awaited
+    path = abs(lane.n0) + n1 + 2.0 * lane.h * recent
+    return (n1 > awaited) | (path > 2.0 * awaited)
+
+
+@njit(**INNER)
+def observe_spin(problem, w):
+    """Compute which steps tried may complete a turn or hold its largest spin."""
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        start, end = turn_points(lane)
+        n = lane.problem.model.spin(inside.middle(lane))
+        half = n if lane.n1 > 0.0 else -n
+        most = least_turn(lane)
+        seen = inside.glance(start, half, end, lane.h * lane.swing)
+        may_turn = (start.value > 0.0) & (most < NEVER)
+        rises = may_turn & (seen.value > most + inside.least_above(most))
+        is_long = inside.is_long(lane)
+        lane.turn_peak = inside.peak_if(rises, seen)
+        lane.inside = 1.0 if may_turn & is_long else 0.0
+        is_due = may_be_far(lane) | (rises & (not is_long))
+        lane.watched += 1.0 if is_due else 0.0
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def follow_spin(problem, w):
+    """Find the largest spin of a turn in long steps."""
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        if not is_followed(lane):
+            continue
+        beyond = inside.rates_beyond(lane)
+        most = least_turn(lane)
+        lane.turn_peak = inside.follow(lane, beyond, inside.TURN, most)
+        if lane.turn_peak.h > 0.0:
+            lane.watched += 1.0
 
 
 @scalar

@@ -1,8 +1,9 @@
 """Marks: times at which a function of the spin first falls to zero in a run.
 
-A mark is a record; a further one is an entry of :data:`MARKS` here, and a column.  Its
-zero is found within an accepted step by Newton's method in a bracket, with shorter
-steps of the method (`event.peaks`).  The search changes nothing else of the run.
+A mark is a record.  A further one is an entry of :data:`MARKS` here, and its name and
+meaning in `words.watched`.  Its zero is found within an accepted step by Newton's
+method in a bracket, with shorter steps of the method (`event.peaks`).  The search
+changes nothing else of the run.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -14,15 +15,16 @@ from numba import njit
 
 from rattlesweep.arrays import Floats
 from rattlesweep.compiling.intrinsics import INNER, choice
-from rattlesweep.kernel.state.fields import Flag, Number, Peak
+from rattlesweep.kernel.state.fields import Flag, Number, OfEnd, Peak
 from rattlesweep.physics.full import scalar
+from rattlesweep.words.watched import MarkName
 
 
 class MarkFields:
     """The search for marks in a step."""
 
-    marks_due: Number  # bits of those that the step may hold
-    mark_peak: Peak  # where one may fall to zero within it, with a minus sign
+    marks_due: OfEnd[Number]  # bits of those that the step may hold
+    mark_peak: OfEnd[Peak]  # where one may fall to zero within it, with a minus sign
     looks: Flag  # whether the point tried is to tell if a mark lies before it
     mark_found: Number  # 1 + the index of one that was found in it, or 0
     t_mark: Number  # its time
@@ -31,7 +33,7 @@ class MarkFields:
 class Mark(NamedTuple):
     """A function of the spin whose first zero is recorded."""
 
-    name: str
+    name: MarkName
     # value(n, rate, n_launch): the function and its rate; positive before the mark
     value: Callable[..., Any]
 
@@ -56,7 +58,7 @@ class MarkRecord:
 
     marks: Annotated[Floats, (1, len(MARKS))]
 
-    def mark(self, name: str) -> Floats:
+    def mark(self, name: MarkName) -> Floats:
         """Return the times of a mark, NaN where there is none."""
         place = [mark.name for mark in MARKS].index(name)
         return self.marks[:, 0, place]

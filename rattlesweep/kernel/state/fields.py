@@ -7,7 +7,16 @@ class whose annotations are kinds.  `kernel.collected` lists these classes.
 # mypy: disable-error-code="no-untyped-call, no-untyped-def, misc"
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, NewType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    NamedTuple,
+    NewType,
+    TypeVar,
+    get_origin,
+    get_type_hints,
+)
 
 from numba import config, types
 
@@ -72,6 +81,11 @@ Probe = NewType("Probe", tuple[float, ...])
 Tangent = NewType("Tangent", tuple[float, ...])  # all tangents together
 Lengths = NewType("Lengths", tuple[float, ...])  # one for each tangent of a frame
 Past = NewType("Past", tuple[float, ...])  # coefficients of rates in a step of a slide
+_Kind = TypeVar("_Kind")
+# What every lane knows of the end of the step tried and of its peaks, beside what the
+# model has there.  A search in the step writes over it, and puts it back
+# (`runs.keep_end`).
+OfEnd = Annotated[_Kind, "of the end of the step"]
 
 
 class TurnFields:
@@ -87,15 +101,15 @@ class TurnFields:
     steps: Number  # accepted steps
 
     # The step tried.
-    h: Number  # size
-    error: Number  # square of the error, in units of the tolerance
-    root: Number  # `rough_root` of the error
+    h: OfEnd[Number]  # size
+    error: OfEnd[Number]  # square of the error, in units of the tolerance
+    root: OfEnd[Number]  # `rough_root` of the error
     root0: Number  # the same of the step before
     n0: Number  # spin at the start
     rate0: Number  # rate of the spin at the start
-    n1: Number  # spin at the end
-    rate1: Number
-    amplitude: Number  # squared, at the end
+    n1: OfEnd[Number]  # spin at the end
+    rate1: OfEnd[Number]
+    amplitude: OfEnd[Number]  # squared, at the end
     last: Flag  # whether the step ends at the horizon
     held: Flag  # whether it repeats one that was rejected; the next does not grow then
 
@@ -114,16 +128,6 @@ class TurnFields:
     next: Number  # time at which a comparison or the end of a window is due
 
 
-# What every lane knows of the end of a step and of its peaks, beside what the model has
-# there.  A search in the step writes over it, and puts it back (`runs.keep_end`).  So a
-# further extreme has its fields of the step tried here.
-END_OF_STEP = (
-    *("h", "error", "root", "n1", "rate1", "amplitude", "volume_rate1"),
-    *("margin1", "ratio1", "lift1"),
-    *("ratio_peak", "lift_peak", "turn_peak", "mark_peak", "marks_due"),
-)
-
-
 class MotionFields:
     """The state at either end of the step."""
 
@@ -138,6 +142,13 @@ class BodyFields:
     constants: Constants
 
 
+def _rows_in(kind: types.Type) -> int:
+    """Return the number of rows of a field of a Numba type."""
+    if kind is types.float64:
+        return 1
+    return len(kind)
+
+
 class Layout:
     """Rows of a workspace: the first row of each field is an attribute of its name.
 
@@ -145,10 +156,10 @@ class Layout:
     model begin with the row ``first``: those at the start of a step; from the row
     ``second`` on the same at its end, with a 1 at the end of their names; and others.
     ``kept`` is the first row of an end of a step that is kept (`runs.keep_end`): copies
-    of ``rows_of_end``, which are those of `END_OF_STEP`, and of the model's fields at
-    the end.  ``results`` is the first row of what its modes add to the results of a
-    run, and ``stages`` that of the stages.  ``fields`` has the first row and the Numba
-    type by name.
+    of ``rows_of_end``, which are those of fields :data:`OfEnd`, and of the model's
+    fields at the end.  ``results`` is the first row of what its modes add to the
+    results of a run, and ``stages`` that of the stages.  ``fields`` has the first row
+    and the Numba type by name.
 
     Parameters
     ----------
@@ -172,7 +183,7 @@ class Layout:
         self.first = self._add(0, shared)
         self.second = self._add(self.first, ends)
         self.kept = self._add(self._add(self.second, ends, "1"), others)
-        self.rows_of_end = self._rows_of(END_OF_STEP)
+        self.rows_of_end = self._rows_of_end(shared)
         kept_rows = len(self.rows_of_end) + self.second - self.first
         self.results = self.kept + kept_rows
         self.stages = self._add(self.results, results)
@@ -184,28 +195,29 @@ class Layout:
     def _add(self, row: int, nouns: Sequence[type], suffix: str = "") -> int:
         """Add the fields of classes from a row on, and return the row after them."""
         for noun in nouns:
-            for name, kind in noun.__annotations__.items():
+            for name, kind in get_type_hints(noun).items():
                 type_of_field = self._type_of(kind)
                 self.fields[name + suffix] = row, type_of_field
                 setattr(self, name + suffix, row)
-                is_number = type_of_field is types.float64
-                row += 1 if is_number else len(type_of_field)
+                row += _rows_in(type_of_field)
         return row
 
-    def _rows_of(self, names: Sequence[str]) -> tuple[int, ...]:
-        """Return the rows of fields."""
+    def _rows_of_end(self, nouns: Sequence[type]) -> tuple[int, ...]:
+        """Return the rows of the fields of classes that are :data:`OfEnd`."""
         rows: list[int] = []
-        for name in names:
-            first, kind = self.fields[name]
-            count = 1 if kind is types.float64 else len(kind)
-            rows += range(first, first + count)
+        for noun in nouns:
+            for name, kind in get_type_hints(noun, include_extras=True).items():
+                if get_origin(kind) is Annotated:
+                    first, type_of_field = self.fields[name]
+                    rows += range(first, first + _rows_in(type_of_field))
         return tuple(rows)
 
     def _type_of(self, kind: object) -> types.Type:
         """Return the Numba type of a kind of field."""
+        if self.counts.get(kind) == 0:
+            return types.Tuple(())
         if kind in self.counts:
-            count = self.counts[kind]
-            return types.UniTuple(types.float64, count) if count else types.Tuple(())
+            return types.UniTuple(types.float64, self.counts[kind])
         if kind in (Point, Slip, Peak):
             return types.NamedUniTuple(types.float64, 3, kind)
         # A Number or a Flag.

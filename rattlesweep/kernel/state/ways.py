@@ -5,7 +5,7 @@ asks the functions here for what it needs to know.
 """
 
 # mypy: ignore-errors
-from rattlesweep.kernel.state.fields import Flag, Number, Point
+from rattlesweep.kernel.state.fields import Flag, Number, OfEnd, Point
 from rattlesweep.physics.full import scalar
 
 # It rolls, slides, rolls with a torque against its spin, or rolls with its spin held at
@@ -18,7 +18,7 @@ class ModeFields:
 
     mode: Number  # ROLLING, SLIDING, ...
     margin0: Number  # a smooth function with the sign of the limit, while it rolls
-    margin1: Number  # the same at the end of the step
+    margin1: OfEnd[Number]  # the same at the end of the step
     # The limit of the mode; while the lane rolls, only of steps that are searched.
     limit0: Point
     limit1: Point
