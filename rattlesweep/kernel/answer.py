@@ -70,8 +70,7 @@ def begin_run(lane):
     lane.n_least = abs(n)
     lane.energy0 = lane.energy_most = model.energy(lane.y, lane.constants)
     lane.margin0 = lane.problem.modes.margin(lane, lane.y, lane.f)
-    # A body that slides says by itself that the plane would have to pull.
-    if model.lifts and not lane.problem.slides and lane.margin0 <= 0.0:
+    if lane.problem.modes.refuses(lane):
         lane.refused0 = LIFTS_OFF
     if lane.problem.modes.left(lane, lane.y) <= 0.0:
         lane.refused0 = RIM

@@ -10,11 +10,11 @@ from numba import config
 
 from rattlesweep.arrays import Flags, Floats, Integers, Places, put, spread, take
 from rattlesweep.kernel import runs, tangents, turn
-from rattlesweep.kernel.collected import MODE_RESULTS, SHAPES, Recording
+from rattlesweep.kernel.collected import MODE_RESULTS, SHAPES, Recording, layout_of
 from rattlesweep.kernel.growths import leave_out_comparisons
 from rattlesweep.kernel.look.marks import MARKS
 from rattlesweep.kernel.method.tableau import DT, MAX_STEPS, TOL, Tableau
-from rattlesweep.kernel.mode.pivots import WITHOUT_TORQUE
+from rattlesweep.kernel.mode.modes import WITHOUT_MODE
 from rattlesweep.kernel.outcome import Batch, Outcome
 from rattlesweep.kernel.recipes import problem_of, threaded_kernel
 from rattlesweep.kernel.runs import Inputs, Outputs
@@ -246,10 +246,10 @@ def _completed(outcome: Outcome, own: Model, model: Model) -> Outcome:
     y_end = np.zeros((count, model.n_state))
     y_end[:, [model.column(name) for name in own.components]] = outcome.y_end
     outcome = replace(outcome, y_end=y_end)
-    if model.pivot is None or own.pivot is not None:
-        return outcome
+    lacking = layout_of(model).fields.keys() - layout_of(own).fields.keys()
     none: dict[str, Any] = {
-        name: np.full(count, value) for name, value in WITHOUT_TORQUE.items()
+        name: np.full(count, WITHOUT_MODE[name])
+        for name in lacking & WITHOUT_MODE.keys()
     }
     return replace(outcome, **none)
 

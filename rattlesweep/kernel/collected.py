@@ -14,11 +14,10 @@ from rattlesweep.kernel import runs, tangents
 from rattlesweep.kernel.event import looks, peaks, zeros
 from rattlesweep.kernel.look import casimir, extremes, late, marks
 from rattlesweep.kernel.method.collocation import STAGES
-from rattlesweep.kernel.mode import pivots, slides
+from rattlesweep.kernel.mode import modes
 from rattlesweep.kernel.state import fields as kinds
 from rattlesweep.kernel.state import ways
 from rattlesweep.kernel.state.fields import N_SLIP, Layout
-from rattlesweep.kernel.step import slots
 from rattlesweep.motion.model import Model
 
 # Fields of every lane, whatever its model.
@@ -46,39 +45,32 @@ def layout_of(model: Model | None) -> Layout:
         return Layout(OF_EVERY_LANE)
     ends: list[type] = [kinds.MotionFields, tangents.TangentFields]
     others: list[type] = [kinds.BodyFields]
-    results: list[type] = []
-    if model.pivot is not None:
-        ends.append(pivots.HoldFields)
-    if model.slide is not None:
-        # The slip is last, where `kernel.follow` reads and writes it.
-        ends.append(slides.SlipFields)
-        # The coefficient of friction is first, behind the constants (`runs.start`).
-        others += slides.SlideFields, slots.SlotFields
-        results.append(slides.SlideResults)
-    if model.pivot is not None:
-        others.append(pivots.RestFields)
-        results.append(pivots.RestResults)
+    brought = modes.nouns_of(model)
+    ends += brought.ends
+    others += brought.others
     if model.n_tangents:
         others.append(tangents.GrowthFields)
+    # One tangent needs none.
+    n_lengths = model.n_tangents
+    if n_lengths == 1:
+        n_lengths = 0
     counts = {
         kinds.State: model.n_state,
         kinds.Constants: model.n_constants,
         kinds.Probe: model.n_probe,
         kinds.Tangent: model.n_tangents * model.n_state,
-        kinds.Lengths: model.n_tangents if model.n_tangents > 1 else 0,
+        kinds.Lengths: n_lengths,
         kinds.Past: STAGES * (model.n_state + N_SLIP),
     }
-    return Layout(OF_EVERY_LANE, ends, others, results, counts)
+    places = modes.places_of(model)
+    parts = {name: ("constants", place) for name, place in places.items()}
+    return Layout(OF_EVERY_LANE, ends, others, brought.results, counts, parts)
 
 
-@dataclass(frozen=True)
-class ModeResults(slides.SlideResults, pivots.RestResults):
-    """What modes add to the results of runs; no rows of a mode that the model lacks."""
-
-
-# Types of the numbers in these arrays, by name.
+# Types of the numbers in arrays of the results of modes, by name.
 MODE_RESULTS = {
-    name: runs.NUMBER_OF[kind] for name, kind in get_type_hints(ModeResults).items()
+    name: runs.NUMBER_OF[kind]
+    for name, kind in get_type_hints(modes.ModeResults).items()
 }
 
 

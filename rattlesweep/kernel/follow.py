@@ -14,10 +14,9 @@ from dataclasses import dataclass, fields, replace
 from typing import NamedTuple, Self, cast
 
 import numpy as np
-from numba import njit
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.compiling.intrinsics import INNER, call, first_of, widest_vectors
+from rattlesweep.compiling.intrinsics import call, first_of, widest_vectors
 from rattlesweep.compiling.loading import Kernel, Order, load_kernels
 from rattlesweep.kernel import answer, recipes, runs, turn
 from rattlesweep.kernel import batch as batches
@@ -28,6 +27,7 @@ from rattlesweep.kernel.state.fields import (
     GROUP,
     N_SLIP,
     NEVER,
+    NO_ROW,
     SCAN,
     SLIP_SPEED,
     Slip,
@@ -88,7 +88,6 @@ def record_steps(
     widest_vectors()
     max_steps = options.most_steps
     lane = lane_of(problem, w, 0)
-    second = problem.first + traits.n_end  # row of what a lane has at its step's end
     if begins:
         turn.start_run(problem, traits, parts, w, 0, 0, inputs)
         lane.next = NEVER  # no window ends
@@ -110,14 +109,15 @@ def record_steps(
         if accepted:
             steps[row, T] = lane.t_end if last else lane.t
             steps[row, T_LOW] = 0.0 if last else lane.t_low
-            if traits.pivots:
-                steps[row, SENSE] = w[sense_row(problem, traits) * problem.lanes]
-            count = 2 * traits.n_state
-            runs.read_rows(problem, w, 0, problem.first, steps, row, STATE, count)
-            if traits.slides:
-                column = STATE + count
-                first = second - N_SLIP
-                runs.read_rows(problem, w, 0, first, steps, row, column, N_SLIP)
+            if traits.sense != NO_ROW:
+                steps[row, SENSE] = w[traits.sense * problem.lanes]
+            count = traits.n_state
+            rate = STATE + count
+            runs.read_rows(problem, w, 0, traits.y, steps, row, STATE, count)
+            runs.read_rows(problem, w, 0, traits.f, steps, row, rate, count)
+            if traits.slip != NO_ROW:
+                slip = rate + count
+                runs.read_rows(problem, w, 0, traits.slip, steps, row, slip, N_SLIP)
             extremes[row, RATIO_MAX] = lane.ratio_max
             extremes[row, NORMAL_MIN] = lane.normal_min
             row += 1
@@ -151,32 +151,22 @@ def record_steps(
     return StoredSteps(row, n_zeros, n_turns, ended, status, lane.energy0, energy)
 
 
-@njit(**INNER)
-def sense_row(problem, traits):
-    """Return the row of the sense of the spin, the last but the friction of slides."""
-    row = problem.first + 2 * traits.n_end + traits.n_probe + traits.n_constants - 1
-    return row - 1 if traits.slides else row
-
-
 def states_after(
-    problem, traits, given, parts, w, steps, which, offset, constants, scale, out
+    problem, traits, given, parts, w, steps, which, offset, constants, swing, scale, out
 ):
     """Write the states a time ``offset`` after rows of ``steps`` to ``out``.
 
     Each is one step of the method in its own lane.  ``steps`` has the first ``given``
     components of the state; others start at zero, as the workspace does.
-    ``constants`` are those of the run and then the fastest angular frequency of the
-    spin.  The slip is written behind the state if the model slides.
+    ``constants`` are those of the run, and ``swing`` is the fastest angular frequency
+    of the spin.  The slip is written behind the state if the model slides.
     """
     widest_vectors()
-    second = problem.first + traits.n_end
-    row_of_constants = second + traits.n_end + traits.n_probe
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        count = traits.n_constants
-        runs.fill_rows(problem, w, l, row_of_constants, constants, 0, 0, count)
+        runs.fill_constants(problem, traits, w, l, constants, 0)
         # Lanes that slide try steps of the given sizes.
-        lane.swing = constants[0, constants.size - 1]
+        lane.swing = swing
         lane.search = SCAN
     points = which.size
     for first in range(0, points, problem.lanes):
@@ -184,44 +174,45 @@ def states_after(
             i = min(first + l, points - 1)
             lane = lane_of(problem, w, l)
             step = which[i]
-            rate_row = problem.first + traits.n_state
-            runs.fill_rows(problem, w, l, problem.first, steps, step, STATE, given)
-            runs.fill_rows(problem, w, l, rate_row, steps, step, STATE + given, given)
+            rate = STATE + given
+            runs.fill_rows(problem, w, l, traits.y, steps, step, STATE, given)
+            runs.fill_rows(problem, w, l, traits.f, steps, step, rate, given)
             sense = steps[step, SENSE]
-            if traits.pivots:
-                w[sense_row(problem, traits) * problem.lanes + l] = sense
+            has_sense = traits.sense != NO_ROW
+            if has_sense:
+                w[traits.sense * problem.lanes + l] = sense
             if given < traits.n_state:
                 turn.ask(parts, answer.DERIVE, w, l)
             lane.h = offset[i]
             slip = STATE + 2 * given
             speed = steps[step, slip + SLIP_SPEED]
-            lane.mode = mode_of(speed, traits.pivots, sense)
-            if traits.slides:
-                for after in (second, second + traits.n_end):
-                    place = after - N_SLIP
+            lane.mode = mode_of(speed, has_sense, sense)
+            if traits.slip != NO_ROW:
+                for place in (traits.slip, traits.slip + traits.n_end):
                     runs.fill_rows(problem, w, l, place, steps, step, slip, N_SLIP)
         call(parts[turn.ATTEMPT], (w, scale, problem.lanes))
-        if traits.slides:
+        if parts[turn.SLIDE] != 0:
             call(parts[turn.SLIDE], (w, scale, False, 0))
         for l in range(min(problem.lanes, points - first)):
             point = first + l
             count = traits.n_state
-            runs.read_rows(problem, w, l, second, out, point, 0, count)
-            if traits.slides:
-                end = second + traits.n_end - N_SLIP
+            end = traits.y + traits.n_end
+            runs.read_rows(problem, w, l, end, out, point, 0, count)
+            if traits.slip != NO_ROW:
+                end = traits.slip + traits.n_end
                 runs.read_rows(problem, w, l, end, out, point, count, N_SLIP)
 
 
-def observe_samples(problem, states, slips, senses, constants, out):
-    """Write spin, energy, contact forces and torque of pivoting to ``out``."""
+def observe_samples(problem, states, slips, constants, mu, out):
+    """Write spin, energy, contact forces and torque of pivoting to ``out``.
+
+    Each state has a row of constants, as the sense of a spin changes.
+    """
     model = problem.model
-    q = first_of(constants, model.n_constants)
-    mu = constants[-1]
     for i in range(out.shape[1]):
         y = first_of(states[i], model.n_state)
         slip = Slip(*first_of(slips[i], N_SLIP))
-        if problem.pivots:
-            q = q[:-1] + (senses[i],)  # noqa: RUF005
+        q = first_of(constants[i], model.n_constants)
         out[0, i] = model.spin(y)
         observed = problem.modes.observe(model, y, slip, q, mu)
         for row, value in enumerate(observed):
@@ -243,15 +234,17 @@ def states_recipe() -> Kernel:
     """Return :func:`states_after`, which serves all models and methods."""
     model = recipes.problem_of(None), recipes.TRAITS, 1, recipes.NO_PARTS
     points = recipes.TABLE, recipes.WHOLE, recipes.FLAT
-    arguments = *model, recipes.FLAT, *points, recipes.TABLE, 1.0, recipes.TABLE
+    settings = recipes.TABLE, 1.0, 1.0
+    arguments = *model, recipes.FLAT, *points, *settings, recipes.TABLE
     return Kernel(states_after, arguments, FOLLOW_OPTIONS)
 
 
 def observe_recipe(model_name: str) -> Kernel:
     """Return :func:`observe_samples` of a model."""
     problem = recipes.problem_of(find_model(model_name))
-    tables = recipes.TABLE, recipes.TABLE, recipes.FLAT, recipes.FLAT, recipes.TABLE
-    return Kernel(observe_samples, (problem, *tables), FOLLOW_OPTIONS)
+    tables = recipes.TABLE, recipes.TABLE, recipes.TABLE
+    arguments = problem, *tables, 1.0, recipes.TABLE
+    return Kernel(observe_samples, arguments, FOLLOW_OPTIONS)
 
 
 @dataclass(frozen=True)
@@ -446,10 +439,17 @@ class Follower:
         the normal and the tangential force in ``M g``, and the torque of pivoting
         friction in ``M g a``.
         """
-        out = np.empty((5, len(samples.t)))
-        problem = recipes.problem_of(self._models[0])
-        constants = self._batch.constants[0]
-        self._observe(problem, samples.y, samples.slip, samples.sense, constants, out)
+        count = len(samples.t)
+        out = np.empty((5, count))
+        values = self.constants
+        if "sense" in values:
+            values = values | {"sense": samples.sense}
+        names = self.model.constants
+        columns = [np.broadcast_to(values[name], count) for name in names]
+        constants = np.stack(columns, axis=1)
+        mu = float(values.get("mu", np.inf))
+        problem = recipes.problem_of(self.model)
+        self._observe(problem, samples.y, samples.slip, constants, mu, out)
         return out
 
     @property
@@ -507,7 +507,7 @@ class Follower:
         """Return rows of the table of steps."""
         table = self._table[first:last]
         y = table[:, STATE : STATE + self._batch.y0.shape[1]]
-        slip = table[:, table.shape[1] - N_SLIP :]
+        slip = table[:, STATE + 2 * self._batch.y0.shape[1] :]
         extra = self._extra[first:last]
         return Samples(
             table[:, T].copy(),
@@ -523,7 +523,6 @@ class Follower:
         """Return states and slips of a model at some times after rows of the table."""
         model = self._models[place]
         out = np.zeros((len(which), model.n_state + N_SLIP))
-        constants = np.append(self._batch.constants[:1], [[self.swing]], axis=1)
         self._after(
             recipes.problem_of(None),
             recipes.traits_for(self._tableau, model),
@@ -533,7 +532,8 @@ class Follower:
             self._table,
             which.astype(np.int64),
             offset,
-            constants,
+            self._batch.constants[:1],
+            self.swing,
             1.0 / self._tol**2,
             out,
         )

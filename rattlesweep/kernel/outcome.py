@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rattlesweep.arrays import Flags, Floats, Integers
-from rattlesweep.kernel.collected import ModeResults, Recorded
+from rattlesweep.kernel.collected import Recorded
+from rattlesweep.kernel.mode.modes import ModeResults
 from rattlesweep.kernel.runs import RunResults
 from rattlesweep.kernel.state.status import Status
 

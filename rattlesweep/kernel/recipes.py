@@ -28,7 +28,6 @@ from rattlesweep.kernel.state.traits import Traits, traits_of
 from rattlesweep.kernel.step import slots
 from rattlesweep.kernel.step.explicit import OPTIONS, write_attempt
 from rattlesweep.kernel.step.implicit import write_implicit
-from rattlesweep.kernel.step.radau import rack_of
 from rattlesweep.kernel.tangents import tangents_of
 from rattlesweep.kernel.threads import parallel
 from rattlesweep.motion.chart import SLOPES
@@ -55,7 +54,7 @@ def problem_of(
         return Problem(None, layout_of(None), width)
     ways = modes.modes_of(model, rimmed)
     carried = tangents_of(model)
-    rack = rack_of(model) if model.slide is not None else None
+    rack = modes.rack_for(model)
     return Problem(model, layout_of(model), width, ways, carried, rimmed, rack)
 
 
@@ -194,7 +193,7 @@ def parts_of(
         parts[turn.ANSWER_FOR_ALL] = answer_for_all_recipe, model.name, *rim
     if not LOOKED_INTO.isdisjoint(record):
         parts[turn.LOOK] = look_recipe, model.name
-    if traits.slides:
+    if traits.schedules:
         parts[turn.SLIDE] = slide_recipe, model.name, *rim
     if not NOTED.isdisjoint(record):
         parts[turn.NOTE] = note_recipe, model.name

@@ -15,6 +15,7 @@ from rattlesweep.kernel.look import extremes
 from rattlesweep.kernel.state.fields import (
     MOST_REVERSALS,
     NEVER,
+    NO_ROW,
     STEP,
     Flag,
     Number,
@@ -405,6 +406,15 @@ def read_rows(problem, w, l, row, table, place, first, count):
 
 
 @njit(**INNER)
+def fill_constants(problem, traits, w, l, table, place):
+    """Write the constants of a run, from a row of a table, to rows of lane ``l``."""
+    count = traits.n_constants
+    fill_rows(problem, w, l, traits.constants, table, place, 0, count)
+    if traits.mu != NO_ROW:
+        fill_rows(problem, w, l, traits.mu, table, place, count, 1)
+
+
+@njit(**INNER)
 def start(problem, traits, w, l, run, inputs):
     """Copy the next run to a lane, whose model then begins it."""
     lane = lane_of(problem, w, l)
@@ -413,12 +423,9 @@ def start(problem, traits, w, l, run, inputs):
     fill_rows(problem, w, l, 0, inputs.starts, run, 0, inputs.starts.shape[1])
     lane.run = run
     lane.root0 = 1.0
-    row = problem.first
-    fill_rows(problem, w, l, row, inputs.y0, run, 0, traits.n_state)
-    row += 2 * traits.n_end
-    fill_rows(problem, w, l, row, inputs.probe, run, 0, traits.n_probe)
-    row += traits.n_probe
-    fill_rows(problem, w, l, row, inputs.constants, run, 0, traits.n_constants)
+    fill_rows(problem, w, l, traits.y, inputs.y0, run, 0, traits.n_state)
+    fill_rows(problem, w, l, traits.probe, inputs.probe, run, 0, traits.n_probe)
+    fill_constants(problem, traits, w, l, inputs.constants, run)
     lane.t_end = lane.horizon
     lane.h_longest = lane.longest_step
     lane.rate_max = lane.rate
@@ -534,10 +541,10 @@ def finish(problem, traits, w, l, status, reversal, t, outputs, recording):
     result["near_tangencies"] = int(lane.near)
     result["n_rejected"] = int(lane.rejected)
     result["n_turns"] = int(lane.reversals)
-    end = problem.first + traits.n_end
+    end = traits.y + traits.n_end
     first = traits.n_state
     read_rows(problem, w, l, end, outputs.ends, run, 0, first)
-    count = traits.n_fields - traits.results
+    count = traits.n_results
     read_rows(problem, w, l, traits.results, outputs.ends, run, first, count)
     return status
 

@@ -246,7 +246,7 @@ def commit(problem, traits, parts, w):
     """
     widest_vectors()
     runs.advance(problem, traits, w)
-    if traits.slides or traits.pivots or traits.has_tangents:
+    if traits.advances:
         call_for_pair(parts[ANSWER_FOR_ALL], (answer.ADVANCE, w, 0))
     move_on(problem, w)
 
@@ -359,7 +359,7 @@ def try_step(problem, traits, parts, w, options, recording, used):
     """
     rolls = True
     some_slide = False
-    if traits.slides:
+    if traits.schedules:
         scheduled = call_for_pair(parts[ANSWER_FOR_ALL], (answer.SCHEDULE, w, 0))
         rolls = scheduled[0] != 0
         some_slide = scheduled[1] != 0

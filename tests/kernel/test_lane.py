@@ -13,13 +13,16 @@ from sweeping import CONFIGS
 
 from rattlesweep.compiling import intrinsics
 from rattlesweep.kernel.collected import layout_of
-from rattlesweep.kernel.recipes import problem_of
+from rattlesweep.kernel.method.tableau import METHODS
+from rattlesweep.kernel.mode.modes import places_of
+from rattlesweep.kernel.recipes import problem_of, traits_for
 from rattlesweep.kernel.state import lane as lanes
-from rattlesweep.kernel.state.fields import N_SLIP, Point
+from rattlesweep.kernel.state.fields import NO_ROW, Point
 from rattlesweep.kernel.state.lane import Lane
 from rattlesweep.motion.model import FULL, find_model
 
 WIDTH = 2
+DOP853 = METHODS["dop853"]
 PROBLEM = problem_of(FULL, WIDTH)
 AT = PROBLEM.layout
 N_ROWS = AT.stages + FULL.n_state
@@ -84,24 +87,38 @@ def test_every_operation_is_that_of_its_python_twin():
     "name", ["full", "full_sliding", "ellipsoid_creep_pivoting_sliding", "full_frame"]
 )
 def test_a_lane_has_each_field_once_in_the_order_of_its_nouns(name):
-    at = layout_of(find_model(name))
+    model = find_model(name)
+    at = layout_of(model)
     shared = layout_of(None)
+    # Some constants have a name of their own beside that of all.
+    named = places_of(model)
+    assert {each: at.row_of(each) - at.constants for each in named} == named
+    own = {field: place for field, place in at.fields.items() if field not in named}
     for field, place in shared.fields.items():
         # A kernel without a model finds the same rows.
         assert at.fields[field] == place
-    rows = [row for row, _ in at.fields.values()]
+    rows = [row for row, _ in own.values()]
     assert rows == sorted(rows)
-    kinds = [kind for _, kind in at.fields.values()]
+    kinds = [kind for _, kind in own.values()]
     sizes = [1 if kind is types.float64 else len(kind) for kind in kinds]
     # A name that two nouns declared would leave rows that nothing is in.
     kept = at.results - at.kept  # an end of a step, without names
     assert sum(sizes) == at.stages - kept
     assert at.y == at.first == shared.first
-    if "slip" in at.fields:
-        # Trajectories read it and write it there.
-        assert at.slip == at.second - N_SLIP
-        # A run begins with its constants and this one in one piece.
-        assert at.mu == at.constants + find_model(name).n_constants
+    # What it has at the end of a step is as far behind that at its start, for all rows.
+    ends = [field for field in own if at.first <= at.row_of(field) < at.second]
+    distances = {at.row_of(field + "1") - at.row_of(field) for field in ends}
+    assert distances == {traits_for(DOP853, model).n_end}
+
+
+def test_rows_that_others_read_are_named_and_some_models_lack_them():
+    sliding = traits_for(DOP853, find_model("full_sliding"))
+    pivoting = traits_for(DOP853, find_model("full_pivoting"))
+    plain = traits_for(DOP853, FULL)
+    assert plain.slip == plain.mu == plain.sense == NO_ROW
+    assert sliding.sense == pivoting.slip == pivoting.mu == NO_ROW
+    assert min(sliding.slip, sliding.mu, pivoting.sense) > 0
+    assert (plain.n_results, sliding.n_results, pivoting.n_results) == (0, 4, 4)
 
 
 def test_only_models_that_slide_have_rows_for_slides():
@@ -116,13 +133,17 @@ def test_only_models_that_slide_have_rows_for_slides():
 def test_only_modes_tell_modes_apart():
     kernel = CONFIGS.parent / "rattlesweep" / "kernel"
     own = {kernel / "state" / "ways.py", *(kernel / "mode").glob("*.py")}
+    # The steps of slides are those of one mode, and of one with and without a torque.
+    step = {*(kernel / "step").glob("*.py")}
     tests = []
     for path in sorted(set(kernel.rglob("*.py")) - own):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-            is_read = isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load)
-            if is_read and node.attr == "mode" and ast.unparse(node.value) == "lane":
-                tests.append(f"{path.name}:{node.lineno}")
-    # Others ask by the functions of `state.ways`.
+            if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
+                asked = f"{ast.unparse(node.value)}.{node.attr}"
+                is_trait = node.attr in ("slide", "slides", "pivot", "pivots")
+                if asked == "lane.mode" or (is_trait and path not in step):
+                    tests.append(f"{path.name}:{node.lineno} {asked}")
+    # Others ask by the functions of `state.ways` and of `ModeSet`.
     assert tests == []
 
 

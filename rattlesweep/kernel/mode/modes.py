@@ -25,7 +25,7 @@ combines those of a model.
 
 # mypy: ignore-errors
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from numba import njit
 
@@ -48,6 +48,7 @@ from rattlesweep.kernel.state.lane import Mode, ModeSet, lane_of, never, nothing
 from rattlesweep.kernel.state.statuses import AT_LIMIT, LIFTS_OFF, RIM
 from rattlesweep.kernel.state.ways import PIVOTING, ROLLING, SLIDING
 from rattlesweep.kernel.step import slots
+from rattlesweep.kernel.step.radau import Rack, rack_of
 from rattlesweep.motion.model import Model
 from rattlesweep.physics.full import FASTMATH, scalar
 
@@ -108,6 +109,15 @@ def margin_of_force(lane, y, f):
     """Return the same from a state and its derivative."""
     normal, _ = lane.problem.model.force(y, f, lane.constants)
     return inside.both(normal, lane.problem.modes.left(lane, y))
+
+
+@njit(**INNER)
+def pulls_at_launch(lane):
+    """Return whether the plane would have to pull a body at its launch.
+
+    A body that slides says so by itself.
+    """
+    return lane.margin0 <= 0.0
 
 
 @njit(**INNER)
@@ -351,6 +361,9 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
         observed.insert(0, observe_nothing)
     combined = ModeSet(
         limit=of_mode(modes, "limit"),
+        limited=has_limit,
+        schedules=False,
+        advances=False,
         margin=margin or no_margin,
         observe_limit=in_turn(observed),
         look=look_at_limit if has_limit else nothing,
@@ -364,9 +377,13 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
         work=work,
         observe=observe,
     )
+    if model.lifts and model.slide is None:
+        combined = replace(combined, refuses=pulls_at_launch)
     if model.slide is not None:
         combined = replace(
             combined,
+            schedules=True,
+            advances=True,
             schedule=slots.schedule_slides,
             decide=slots.decide_sliding,
             launch=slides.launch,
@@ -389,3 +406,63 @@ def modes_of(model: Model, rimmed: bool) -> ModeSet:
             observe=pivots.observing(combined.observe),
         )
     return combined
+
+
+# What modes bring to a lane and to the results of runs.
+
+
+@dataclass(frozen=True)
+class ModeResults(slides.SlideResults, pivots.RestResults):
+    """What modes add to the results of runs; no rows of a mode that the model lacks."""
+
+
+# The results of a run of a model that lacks a mode which others have.
+WITHOUT_MODE = pivots.WITHOUT_TORQUE
+
+
+@dataclass(frozen=True)
+class ModeNouns:
+    """Classes that declare fields: at both ends of a step, others, and of results."""
+
+    ends: list[type] = field(default_factory=list)
+    others: list[type] = field(default_factory=list)
+    results: list[type] = field(default_factory=list)
+
+
+def nouns_of(model: Model) -> ModeNouns:
+    """Return what the modes of a model bring."""
+    nouns = ModeNouns()
+    if model.pivot is not None:
+        nouns.ends.append(pivots.HoldFields)
+    if model.slide is not None:
+        nouns.ends.append(slides.SlipFields)
+        nouns.others.extend([slides.SlideFields, slots.SlotFields])
+        nouns.results.append(slides.SlideResults)
+    if model.pivot is not None:
+        nouns.others.append(pivots.RestFields)
+        nouns.results.append(pivots.RestResults)
+    return nouns
+
+
+def places_of(model: Model) -> dict[str, int]:
+    """Return the places of the constants that modes read or set one by one.
+
+    While a body with pivoting friction slides, which needs no sense of its spin, the
+    least creep (`physics.friction.pivoting`) has its place.
+    """
+    if model.pivot is None:
+        return {}
+    sense = model.constants.index("sense")
+    # In the reduced model the lever is another constant.
+    name = "lever"
+    if name not in model.constants:
+        name = "pivot"
+    lever = model.constants.index(name)
+    return {"lever": lever, "sense": sense, "least_creep": sense}
+
+
+def rack_for(model: Model) -> Rack | None:
+    """Return the rack for steps of slides, None for a model that does not slide."""
+    if model.slide is None:
+        return None
+    return rack_of(model)

@@ -3,8 +3,8 @@
 A body that rolls with pivoting friction (`physics.friction.pivoting`) is in one of two
 modes (`mode.modes`): PIVOTING, with a positive or a negative spin, until a zero of the
 spin, or HELD, with the spin held at zero, until the torque that this takes exceeds
-``l F_n``.  The sense of the spin, 0 while it is held, is the last constant of a lane.
-While the body slides, which needs no sense, it is the least creep
+``l F_n``.  The sense of the spin, 0 while it is held, is a constant of a lane.  While
+the body slides, which needs no sense, its place has the least creep
 (`physics.friction.pivoting`).
 
 A reversal is a zero at which the spin goes over to the other side, or the end of a rest
@@ -120,7 +120,7 @@ LEAST_SPIN = 1e-14
 @njit(**INNER)
 def set_sense(lane, sense):
     """Let the torque act against a spin of this sign, or hold the spin for 0."""
-    lane.constants = lane.constants[:-1] + (sense,)  # noqa: RUF005
+    lane.sense = sense
     lane.mode = HELD if sense == 0.0 else PIVOTING
 
 
@@ -143,7 +143,7 @@ def note_pull(problem, w, used):
 @njit(**INNER)
 def give_slack(lane, y):
     """Let the spin begin on its side of zero, although it is a rounding error."""
-    n = lane.constants[-1] * lane.problem.model.spin(y)
+    n = lane.sense * lane.problem.model.spin(y)
     # After a tap the bound of the rate is unknown until the spin has been far.
     rate = lane.arm_rate if lane.arm > 0.0 else lane.rate_max
     scale = abs(lane.n_launch) + rate / lane.swing
@@ -151,22 +151,16 @@ def give_slack(lane, y):
 
 
 @scalar
-def lever_of(lane):
-    """Return the lever of the torque."""
-    return lane.constants[-2]
-
-
-@scalar
 def margins(lane, y):
     """Return what the torque that holds the spin lacks of its two limits."""
-    return margins_of(lane.problem.model, y, lane.constants)
+    return margins_of(lane.problem.model, y, lane.constants, lane.lever)
 
 
 @scalar
-def margins_of(model, y, constants):
+def margins_of(model, y, constants, lever):
     """Return what :func:`margins` does, for a body whose constants have been read."""
     torque, held, _ = model.pivot(y, constants)
-    most = constants[-2] * (held + PASSED)
+    most = lever * (held + PASSED)
     return most + torque, most - torque
 
 
@@ -184,7 +178,7 @@ held_point = along_flow(margin)
 @scalar
 def turn_point(lane, h, y, f):
     """Return the limit of a spin with a sign; nothing for one that is held."""
-    sense = lane.constants[-1]
+    sense = lane.sense
     model = lane.problem.model
     value = sense * model.spin(y) + lane.slack
     rate = sense * model.spin_rate(y, f)
@@ -203,7 +197,7 @@ def distance_from_zero(lane):
     """Return how far a lane is from the limit of the spin, as a share of its scale."""
     apart()
     if lane.mode == HELD:
-        return abs(margin(lane, lane.y1)) / (lever_of(lane) + TINY)
+        return abs(margin(lane, lane.y1)) / (lane.lever + TINY)
     scale = abs(lane.n_launch) + abs(lane.rate1) / lane.swing
     return abs(lane.n1) / (scale + TINY)
 
@@ -213,7 +207,7 @@ def sense_from_zero(lane, y):
     """Return the sense with which a spin leaves zero, 0 if the plane holds it."""
     set_sense(lane, 0.0)
     torque, held, _ = lane.problem.model.pivot(y, lane.constants)
-    if abs(torque) <= lever_of(lane) * held:
+    if abs(torque) <= lane.lever * held:
         return 0.0
     return -1.0 if torque > 0.0 else 1.0
 
@@ -245,15 +239,15 @@ def free(lane):
     Where the spin is held, the foot begins to turn, as the torque of a sliding patch
     depends on the ratio of spin and speed.
     """
-    lever = lever_of(lane)
+    lever = lane.lever
     spin = lane.problem.model.spin(lane.y1)
-    sense = lane.constants[-1]
+    sense = lane.sense
     # Just after a rest the spin may be too small to be integrated.
     turning = sense * max(sense * spin, SMALLEST_SPIN * lever)
     least = least_creep(turning, lever)
     if sense == 0.0:
         least = LEAST_CREEP
-    lane.constants = lane.constants[:-1] + (least,)  # noqa: RUF005
+    lane.least_creep = least
     if sense == 0.0:
         turning = spin_at_begin(lane)
     turn_end(lane, turning - spin)
@@ -272,7 +266,7 @@ def spin_at_begin(lane):
     apart()
     # Without a torque the spin grows to this side.
     sense = 1.0 if lag_of_spin(lane, 0.0) > 0.0 else -1.0
-    unit = LEAST_CREEP * (3.0 * pi / 16.0) / (lever_of(lane) + TINY)
+    unit = LEAST_CREEP * (3.0 * pi / 16.0) / (lane.lever + TINY)
     low = SMALLEST_LOG_SLIP
     high = LARGEST_LOG_SLIP
     for _ in range(HALVINGS_OF_RATIO):
@@ -433,6 +427,7 @@ def may_fall_within(problem, w, l):
     beyond = rates_beyond(lane)
     ends = ends_of(lane)
     constants = lane.constants
+    lever = lane.lever
     pieces = pieces_of(lane)
     looks = int(pieces) + 1
     seen_below = seen_above = NEVER, -NEVER, 0.0, 0.0, 0.0
@@ -440,7 +435,7 @@ def may_fall_within(problem, w, l):
         # Several looks side by side, in the columns of the first lanes.
         for k in range(GROUP):
             y = between(ends, beyond, (first + k) / pieces)
-            below, above = margins_of(problem.model, y, constants)
+            below, above = margins_of(problem.model, y, constants, lever)
             place = lane_of(problem, w, k)
             place.seen_first = below
             place.seen_second = above
@@ -540,7 +535,7 @@ def observing(base_observe: Callable[..., Any]) -> Callable[..., Any]:
 def side_after(lane):
     """Return on which side of zero the spin goes on from the end of the step."""
     if lane.mode != SLIDING:
-        return lane.constants[-1]
+        return lane.sense
     return 1.0 if lane.n1 > 0.0 else -1.0
 
 

@@ -68,6 +68,7 @@ class Peak(NamedTuple):
 
 
 MOST_REVERSALS = 8  # reversals that are stored
+NO_ROW = -1  # of a field that a model lacks
 NEVER = 1e290  # above any time, modulus and force of a run
 DIFFERENCE = 1e-7  # length of differences along the flow, in radians of the swing
 
@@ -159,7 +160,7 @@ class Layout:
     of ``rows_of_end``, which are those of fields :data:`OfEnd`, and of the model's
     fields at the end.  ``results`` is the first row of what its modes add to the
     results of a run, and ``stages`` that of the stages.  ``fields`` has the first row
-    and the Numba type by name.
+    and the Numba type by name.  A number within a field may have a name of its own.
 
     Parameters
     ----------
@@ -168,6 +169,8 @@ class Layout:
         the model; and results of its modes.
     counts : mapping
         How many numbers a field has, by kinds that depend on the model.
+    parts : mapping
+        By their names, the field in which a number is, and its place there.
     """
 
     def __init__(
@@ -177,6 +180,7 @@ class Layout:
         others: Sequence[type] = (),
         results: Sequence[type] = (),
         counts: Mapping[Any, int] | None = None,
+        parts: Mapping[str, tuple[str, int]] | None = None,
     ) -> None:
         self.fields: dict[str, tuple[int, types.Type]] = {}
         self.counts = counts or {}
@@ -187,10 +191,18 @@ class Layout:
         kept_rows = len(self.rows_of_end) + self.second - self.first
         self.results = self.kept + kept_rows
         self.stages = self._add(self.results, results)
+        for name, (whole, place) in (parts or {}).items():
+            first, _ = self.fields[whole]
+            self.fields[name] = first + place, types.float64
 
     if TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> int: ...
+
+    def row_of(self, name: str) -> int:
+        """Return the first row of a field, or `NO_ROW` if the model has no such."""
+        row, _ = self.fields.get(name, (NO_ROW, None))
+        return row
 
     def _add(self, row: int, nouns: Sequence[type], suffix: str = "") -> int:
         """Add the fields of classes from a row on, and return the row after them."""

@@ -96,6 +96,11 @@ class ModeSet:
     """All modes of a model's bodies together, as compiled functions of any lane."""
 
     limit: Callable[..., Point]
+    # Whether there is one that may be zero, whether `schedule` and `decide` have a
+    # choice, and whether `advance` moves something.
+    limited: bool
+    schedules: bool
+    advances: bool
     # margin(lane, y, f): that of the mode in which most lanes are
     margin: Callable[..., float]
     # observe_limit(problem, w, used): tell which steps tried on the used lanes
@@ -123,6 +128,9 @@ class ModeSet:
     look: Callable[..., None] = nothing
     # at_start(lane, limit): the limit at the start of the step, from its value there
     at_start: Callable[..., Point] = as_found
+    # refuses(lane): whether the plane would have to pull the body at its launch, where
+    # this ends its run
+    refuses: Callable[..., bool] = never
     # prepare(lane): set what the equations need of a launch
     prepare: Callable[..., None] = nothing
     # launch(lane): go over to the mode of the launch, once the run is started
@@ -173,10 +181,6 @@ class Problem:
             state = (1.0,) * model.n_state
             constants = (1.0,) * model.n_constants
             self.idle = state, constants, (0.0,) * model.n_probe
-            self.slides = model.slide is not None
-            self.pivots = model.pivot is not None
-            has_limit = self.slides or self.pivots or model.limit is not None
-            self.limited = has_limit or bool(model.lifts) or rimmed
         self.model = model
         if modes is not None and tangents is not None:
             self.modes = modes

@@ -12,23 +12,31 @@ if TYPE_CHECKING:
 class Traits(NamedTuple):
     """Traits of a model and a method.
 
-    The fields of a lane that depend on the model begin with those at the start of a
-    step, its state and derivative first and its slip last; as many rows with those at
-    its end follow, and then the probe and the constants (`fields.Layout`).
+    Rows of a lane are those of a model's fields (`fields.Layout`), or `fields.NO_ROW`
+    for what the model lacks.  Rows at the end of a step are ``n_end`` behind those at
+    its start.
     """
 
     adaptive: bool  # the method controls its steps
     n_fields: int  # rows of the fields of a lane
     n_state: int  # numbers of the state
-    n_end: int  # of the state, its derivative, tangents and theirs, and the slip
+    n_end: int  # of all that a lane has at either end of a step
     n_probe: int
-    n_constants: int  # with the coefficient of friction
+    n_constants: int  # without the coefficient of friction
+    n_results: int  # that modes add to those of a run
+    y: int  # first row of the state at the start of a step
+    f: int  # of its derivative
+    slip: int
+    probe: int
+    constants: int
+    mu: int  # row of the coefficient of friction, the last constant in tables of runs
+    sense: int  # row of the sense of the spin
+    results: int  # first row of the results that modes add
     kept: int  # first row of the end of a step that is kept
-    results: int  # first row of what modes add to the results of a run, the last rows
     limited: bool  # the motion has a limit, at which a run may end
     lifts: bool  # the body may leave the plane, and gains energy from it
-    slides: bool
-    pivots: bool
+    schedules: bool  # lanes may wait for a turn that more lanes share
+    advances: bool  # its modes or tangents move something from step to step
     has_tangents: bool
     has_frame: bool  # of tangents, with which a run goes on after a reversal
 
@@ -42,13 +50,21 @@ def traits_of(problem: Problem, model: Model, *, adaptive: bool) -> Traits:
         n_state=model.n_state,
         n_end=at.second - at.first,
         n_probe=model.n_probe,
-        n_constants=len(model.of_runs),
+        n_constants=model.n_constants,
+        n_results=at.stages - at.results,
+        y=at.y,
+        f=at.f,
+        slip=at.row_of("slip"),
+        probe=at.probe,
+        constants=at.constants,
+        mu=at.row_of("mu"),
+        sense=at.row_of("sense"),
         results=at.results,
         kept=at.kept,
-        limited=problem.limited,
+        limited=problem.modes.limited,
         lifts=bool(model.lifts),
-        slides=problem.slides,
-        pivots=problem.pivots,
+        schedules=problem.modes.schedules,
+        advances=problem.modes.advances or model.n_tangents > 0,
         has_tangents=model.n_tangents > 0,
         has_frame=model.n_tangents > 1,
     )
