@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.engines.case import EngineCase
     from rattlesweep.analysis.onerun.course import PreparedRun
 
-ENDINGS = {"mjcf": ".xml", "json": ".json"}
-
 
 def export(
     body: Rattleback | str,
@@ -76,9 +74,11 @@ def export(
 
 def ending_of(format: str, engine: str | None) -> str:
     """Return the ending of the files of a format, or of an engine."""
+    from rattlesweep.analysis.engines.formats import EXPORTED
+
     if engine is not None:
         return ".py"
-    return ENDINGS[format]
+    return EXPORTED[format].ending
 
 
 def export_run(
@@ -92,7 +92,7 @@ def export_run(
 ) -> tuple[str, EngineCase]:
     """Return the text of an export and its case; write the text if there is a path."""
     from rattlesweep.analysis.engines.case import make_case
-    from rattlesweep.analysis.engines.mjcf import check_model, to_mjcf
+    from rattlesweep.analysis.engines.formats import EXPORTED
     from rattlesweep.analysis.engines.script import check_name, check_run, to_script
     from rattlesweep.system.files import as_path, replace_file
     from rattlesweep.words.errors import not_one_of
@@ -119,15 +119,13 @@ def export_run(
         )
     if engine is not None:
         check_run(run, engine)
-    elif format == "mjcf":
-        check_model(run, instead=", or choose the format json")
+    else:
+        EXPORTED[format].check(run)
     case = make_case(run, str(name), height=_height(length))
     if engine is not None:
         text = to_script(case, engine)
-    elif format == "mjcf":
-        text = to_mjcf(case, portable=portable)
     else:
-        text = case.to_json()
+        text = EXPORTED[format].write(case, portable)
     if path is not None:
         replace_file(path, text.encode())
     return text, case

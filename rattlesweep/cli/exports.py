@@ -83,7 +83,7 @@ def export(
     error, the direction and the friction that rolling needs. docs/engines.md says how
     well engines do.
     """
-    from rattlesweep.api.exports import ENDINGS, ending_of, export_run, write_cases
+    from rattlesweep.api.exports import ending_of, export_run, write_cases
 
     if cases is not None:
         others = {
@@ -101,7 +101,7 @@ def export(
     probe_files(output)
     if format is None:
         format = EXPORT_FORMAT
-        if output is not None and output.suffix.lower() == ENDINGS["json"]:
+        if output is not None and output.suffix.lower() == ending_of("json", None):
             format = "json"
     ending = ending_of(format, engine)
     if output is not None and output.suffix.lower() != ending:

@@ -14,10 +14,12 @@ from sweeping import ROOT, invoke
 import rattlesweep as rs
 from rattlesweep.analysis.engines.adapters import frame
 from rattlesweep.analysis.engines.case import EngineCase, _plane
+from rattlesweep.analysis.engines.formats import EXPORTED
 from rattlesweep.analysis.engines.script import HERE, numbers_of, to_script
 from rattlesweep.api.single import prepare_launch
 from rattlesweep.physics.si import Units
 from rattlesweep.words.engines import ENGINES
+from rattlesweep.words.names import EXPORT_FORMATS
 
 FOLDER = ROOT / "benchmarks" / "engines"
 ELLIPSOID = rs.Rattleback.gh().replace(c=2.0)
@@ -55,6 +57,10 @@ def test_a_file_stands_alone(name):
     functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
     assert functions >= {"build", "advance", "look", "main"}
     assert f"pip install {ENGINES[name].installs} " in ast.get_docstring(tree)
+
+
+def test_each_format_has_its_entry_in_the_table():
+    assert EXPORTED.keys() == {*EXPORT_FORMATS}
 
 
 def test_every_engine_has_an_adapter():
