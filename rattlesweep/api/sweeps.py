@@ -372,7 +372,7 @@ def _misplaced(key: str) -> str:
     if key in Config.model_fields:
         return "keys go with a DataFrame only; write it into the config"
     arguments_of_calls = ["config", "output", "threads", "progress"]
-    advice = hint(key, arguments_of_calls, "engines are chosen by `rattlesweep run`")
+    advice = hint(key, arguments_of_calls, "executors are chosen by `rattlesweep run`")
     return f"rs.sweep has no such argument; {advice}"
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.design.plan import Plan
     from rattlesweep.work.forecast import Forecast
-    from rattlesweep.work.run import Engine, Shard, Swept
+    from rattlesweep.work.run import Executor, Shard, Swept
 
 SHARD = Kind("i/n", "rattlesweep.work.run:Shard.parse")
 LIMIT = Kind("time", "rattlesweep.work.slurm:limit_of")
@@ -127,10 +127,11 @@ def plan(
 @options.sweep_options
 @options.threads
 @option(
+    "--executor",
     "--engine",
     type=click.Choice(["local", "dask"]),
     default="local",
-    help="Where to compute.",
+    help="Where to compute; its earlier name is --engine.",
 )
 @option(
     "--scheduler", metavar="ADDRESS", help="Dask scheduler; by default one is started."
@@ -155,7 +156,7 @@ def run(
     output: Path | None,
     overrides: tuple[str, ...],
     threads: int | None,
-    engine: str,
+    executor: str,
     scheduler: str | None,
     dry_run: bool,
     compile_only: bool,
@@ -169,9 +170,9 @@ def run(
 
     Prints one row per case.
     """
-    if scheduler is not None and engine != "dask":
+    if scheduler is not None and executor != "dask":
         raise ConfigError(
-            "--scheduler ADDRESS: works only with --engine dask; give that too"
+            "--scheduler ADDRESS: works only with --executor dask; give that too"
         )
     from rattlesweep.store.manifest import examine
     from rattlesweep.work.run import run_sweep
@@ -184,17 +185,17 @@ def run(
         examine(planned, directory)
         click.echo(_forecast(planned, directory, threads).words)
         return DONE
-    workers: Engine | None = None
-    if engine == "dask":
-        from rattlesweep.work.dask import make_engine
+    workers: Executor | None = None
+    if executor == "dask":
+        from rattlesweep.work.dask import make_executor
 
-        workers = make_engine(scheduler, threads)
+        workers = make_executor(scheduler, threads)
     with Bar.of_command(quiet) as bar:
         result = run_sweep(
             planned,
             directory,
             base=config.resolve().parent,
-            engine=workers,
+            executor=workers,
             threads=threads,
             shard=shard,
             max_time=max_time,

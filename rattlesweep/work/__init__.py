@@ -1,1 +1,1 @@
-"""Who computes it: blocks, jobs, engines, verification."""
+"""Who computes it: blocks, jobs, executors, verification."""

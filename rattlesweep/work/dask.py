@@ -1,4 +1,4 @@
-"""The engine of many machines: the workers of a Dask cluster compute blocks.
+"""The executor of many machines: the workers of a Dask cluster compute blocks.
 
 The driver, which is this process, sends out blocks and writes the tables that come
 back, so that workers need no disk in common with it.  When a worker is lost, others
@@ -32,7 +32,7 @@ from rattlesweep.store.provenance import versions
 from rattlesweep.words.errors import ConfigError, OutputError, one_line
 from rattlesweep.work.block import load_kernel, prepare_runs, start_block
 from rattlesweep.work.job import Job, Keys, OutOfTime
-from rattlesweep.work.run import Engine
+from rattlesweep.work.run import Executor
 
 if TYPE_CHECKING:
     from distributed import Client, Future, Security
@@ -63,22 +63,22 @@ class BlockOrder(TypedDict):
     plan: bytes  # pickled
 
 
-def make_engine(scheduler: str | None, threads: int | None = None) -> Engine:
-    """Return an engine that uses a scheduler's workers, or starts some here."""
+def make_executor(scheduler: str | None, threads: int | None = None) -> Executor:
+    """Return an executor that uses a scheduler's workers, or starts some here."""
     try:
         from distributed import Security
 
         security = Security.temporary() if scheduler is None else None
     except ImportError as error:
         advice = "`pip install 'rattlesweep[dask]'`"
-        raise ConfigError(f"--engine dask: needs Dask ({error}); {advice}") from None
+        raise ConfigError(f"--executor dask: needs Dask ({error}); {advice}") from None
     for name in LOGGERS:  # errors that matter are raised here, in one sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
         with connected(scheduler):
             pass  # so that an address is refused before the output directory is created
 
-    def engine(job: Job, blocks: Iterator[Keys]) -> None:
+    def executor(job: Job, blocks: Iterator[Keys]) -> None:
         cluster = _embedded(security, threads or 2)
         if scheduler is not None:
             cluster = connected(scheduler)
@@ -88,7 +88,7 @@ def make_engine(scheduler: str | None, threads: int | None = None) -> Engine:
             loading.wait(lambda _: job.tick())
             Driver(job, blocks, client, threads).work()
 
-    return engine
+    return executor
 
 
 @contextmanager

@@ -1,6 +1,6 @@
 """Run a sweep: wanted runs minus those on disk are computed and written.
 
-:func:`run_sweep` reads what is on disk, an engine such as :func:`local` computes the
+:func:`run_sweep` reads what is on disk, an executor such as :func:`local` computes the
 missing runs block by block, and a :class:`Job` says which come next and writes rows.
 """
 
@@ -46,7 +46,7 @@ from rattlesweep.work.block import (
 )
 from rattlesweep.work.job import Job, Keys, OutOfTime, Progress
 
-Engine = Callable[[Job, Iterator[Keys]], None]
+Executor = Callable[[Job, Iterator[Keys]], None]
 """Computes blocks of runs, and writes their rows by :meth:`Job.write`, in any order and
 grouping. When it is stopped, by Ctrl-C or :class:`OutOfTime`, it writes the rows that
 it has and raises the exception again."""
@@ -116,7 +116,7 @@ def run_sweep(
     shard: Shard | None = None,
     max_time: float | None = None,
     retry_failed: bool = False,
-    engine: Engine | None = None,
+    executor: Executor | None = None,
 ) -> Swept:
     """Compute the runs of a plan that are not on disk; a stop keeps what has ended."""
     start = time.monotonic()
@@ -141,7 +141,7 @@ def run_sweep(
         missing = 0
         summary = None
         try:
-            stopped = _compute_missing(job, shard, engine or local)
+            stopped = _compute_missing(job, shard, executor or local)
             if stopped is None:
                 if shard is not None:  # other shards may have ended meanwhile
                     missing = plan.runs - stored.count()
@@ -225,7 +225,7 @@ def _mend(
     return again
 
 
-def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> str | None:
+def _compute_missing(job: Job, shard: Shard | None, executor: Executor) -> str | None:
     """Compute the wanted runs until all are on disk or the time is up.
 
     Return why they were not all computed, or None.
@@ -243,7 +243,7 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> str | Non
             return None
         job.stored.drop_summary()
         try:
-            engine(job, job.blocks(wanted))
+            executor(job, job.blocks(wanted))
         except OutOfTime:
             # The last run may end just as the time is up.
             if not on_disk.done[wanted].all():
@@ -256,7 +256,7 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> str | Non
             raise
         left = int((wanted & ~on_disk.done).sum())
         if left:
-            raise OutputError(f"the engine left out {left} of the runs; run it again")
+            raise OutputError(f"the executor left out {left} of the runs; run it again")
 
 
 def local(job: Job, blocks: Iterator[Keys]) -> None:

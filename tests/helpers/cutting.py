@@ -1,4 +1,4 @@
-"""Engines that integrate blocks of a given size, and may give up."""
+"""Executors that integrate blocks of a given size, and may give up."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from rattlesweep.work.run import local
 
 
 class Stop(Exception):
-    """The engine gives up."""
+    """The executor gives up."""
 
 
 def cut(rows: int, most: int = 10**9, dice: random.Random | None = None) -> Any:
-    """Return an engine for blocks of `rows` runs, each of which has a file, which
+    """Return an executor for blocks of `rows` runs, each of which has a file, which
     gives up after `most` blocks.
     """
 
-    def engine(work: Job, blocks: Iterator[Keys]) -> None:
+    def executor(work: Job, blocks: Iterator[Keys]) -> None:
         case, sample = (np.concatenate(keys) for keys in zip(*blocks, strict=True))
         order = np.lexsort((sample, case))
         pieces = []
@@ -37,4 +37,4 @@ def cut(rows: int, most: int = 10**9, dice: random.Random | None = None) -> Any:
         if len(pieces) > most:
             raise Stop
 
-    return engine
+    return executor

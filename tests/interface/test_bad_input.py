@@ -36,7 +36,7 @@ run c.yaml --set bodies.samples | is not KEY=VALUE
 run c.yaml --set integrator.max_steps=0 | 0 is given; a value of at least 1
 run c.yaml --set 'bodies={source: sd, samples: 100000000000}' | runs; at most 1e+09 are possible
 run c.yaml --output '' | --output: the directory has no name
-run c.yaml --scheduler tcp://host:8786 | --scheduler ADDRESS: works only with --engine dask
+run c.yaml --scheduler tcp://host:8786 | --scheduler ADDRESS: works only with --executor dask
 run c.yaml --shard 1 | --shard 1: is not I/N
 run c.yaml --max-time 3 | --max-time 3: is not a duration
 classify c.yaml | is not an output directory

@@ -116,8 +116,8 @@ def test_other_thresholds_and_back(sd):
         ),
         (lambda s: rs.sweep("c.yaml", seed=1), "seed: keys go with a DataFrame only"),
         (
-            lambda s: rs.sweep("c.yaml", engine="dask"),
-            "^engine: rs.sweep has no such argument; engines are chosen by `rattlesw",
+            lambda s: rs.sweep("c.yaml", executor="dask"),
+            "^executor: rs.sweep has no such argument; executors are chosen by `rattl",
         ),
         (
             lambda s: rs.sweep("c.yaml", thread=1),

@@ -14,7 +14,7 @@ from shaken_oracle import Shaken
 
 import rattlesweep as rs
 from rattlesweep.physics.shaking import cosine
-from rattlesweep.work.dask import make_engine
+from rattlesweep.work.dask import make_executor
 from rattlesweep.work.run import Shard
 
 GH = rs.Rattleback.gh()
@@ -300,8 +300,8 @@ def test_dask_has_the_rows_of_one_computer(tmp_path):
     }
     sweeping.sweep(tmp_path / "here", config)
     with distributed.LocalCluster(1, processes=False, dashboard_address=None) as found:
-        engine = make_engine(found.scheduler_address)
-        sweeping.sweep(tmp_path / "there", config, engine=engine)
+        executor = make_executor(found.scheduler_address)
+        sweeping.sweep(tmp_path / "there", config, executor=executor)
     pd.testing.assert_frame_equal(
         sweeping.rows(tmp_path / "there"), sweeping.rows(tmp_path / "here")
     )

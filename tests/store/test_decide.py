@@ -106,7 +106,7 @@ def test_stopped_again_and_again_in_any_order_with_harm(name, done, tmp_path):
     while True:
         try:
             sweeping.sweep(
-                tmp_path, CONFIGS[name], engine=cut(160, dice.randint(1, 3), dice)
+                tmp_path, CONFIGS[name], executor=cut(160, dice.randint(1, 3), dice)
             )
             break
         except Stop:

@@ -1,4 +1,4 @@
-"""The Dask engine, on a cluster of threads if that is enough, otherwise of
+"""The Dask executor, on a cluster of threads if that is enough, otherwise of
 processes.
 """
 
@@ -22,9 +22,9 @@ from sweeping import CONFIGS, sweep
 
 from rattlesweep.store.rows import Stored
 from rattlesweep.words.errors import ConfigError, OutputError
-from rattlesweep.work import dask as daskengine
+from rattlesweep.work import dask as daskexecutor
 from rattlesweep.work import job as jobs
-from rattlesweep.work.dask import make_engine
+from rattlesweep.work.dask import make_executor
 from rattlesweep.work.job import Progress
 
 GATE = Path(__file__).parents[1] / "helpers" / "gate.py"
@@ -183,7 +183,7 @@ def own_cluster(tmp_path, gate) -> Iterator[Cluster]:
         *(pytest.param(name, marks=pytest.mark.slow) for name in ACTIONS),
     ],
 )
-def test_rows_are_those_of_the_local_engine(name, cluster, tmp_path):
+def test_rows_are_those_of_the_local_executor(name, cluster, tmp_path):
     config = REFINED
     sets = []
     if name in ACTIONS:
@@ -192,7 +192,7 @@ def test_rows_are_those_of_the_local_engine(name, cluster, tmp_path):
         config = CONFIGS / "quickstart.yaml"
         sets = ["bodies.samples=6", "bodies.target.rel_tol=0.1"]
     sweep(tmp_path / "local", config, *sets)
-    result = sweep(tmp_path / "dask", config, *sets, engine=make_engine(cluster))
+    result = sweep(tmp_path / "dask", config, *sets, executor=make_executor(cluster))
     assert result.summary is not None
     assert result.runs == result.done == len(rows_of(tmp_path / "dask"))
     assert rows_of(tmp_path / "dask").equals(rows_of(tmp_path / "local"))
@@ -209,11 +209,11 @@ def test_losses_of_workers_and_of_the_scheduler(
     output = tmp_path / "out"
     closed = tmp_path / "closed"
     with monkeypatch.context() as patch:
-        patch.setattr(daskengine, "WORKER_TIMEOUT", 1.0)
+        patch.setattr(daskexecutor, "WORKER_TIMEOUT", 1.0)
         with pytest.raises(
             OutputError, match=f"{it.address} has had no worker for 1 s"
         ):
-            sweep(output, SWEEP, engine=make_engine(it.address))
+            sweep(output, SWEEP, executor=make_executor(it.address))
     (gate / "open").touch()
     closed.mkdir()
     (tmp_path / "shut").mkdir()
@@ -231,7 +231,9 @@ def test_losses_of_workers_and_of_the_scheduler(
         ):  # it holds blocks; the other does its own, and then those
             mortal.kill()
 
-    result = sweep(closed / "out", config, engine=make_engine(it.address), report=kill)
+    result = sweep(
+        closed / "out", config, executor=make_executor(it.address), report=kill
+    )
     assert mortal.wait(NEVER) == -signal.SIGKILL
     assert result.done == 80
     names = ["n_i", "alpha", "t_end", "n_end", "energy_drift", "status"]
@@ -248,13 +250,13 @@ def test_losses_of_workers_and_of_the_scheduler(
     with pytest.raises(
         OutputError, match=f"the scheduler at {it.address} is lost; completed"
     ):
-        sweep(output, SWEEP, engine=make_engine(it.address), report=behead)
+        sweep(output, SWEEP, executor=make_executor(it.address), report=behead)
     assert sweep(output, SWEEP).done == 70
     assert rows_of(output).equals(plain)
 
 
 def test_without_a_scheduler_workers_of_its_own_do_it(plain, tmp_path):
-    assert sweep(tmp_path, SWEEP, engine=make_engine(None)).done == 80
+    assert sweep(tmp_path, SWEEP, executor=make_executor(None)).done == 80
     assert rows_of(tmp_path).equals(plain)
 
 
@@ -274,53 +276,56 @@ def test_a_stop_keeps_the_blocks_that_are_done_and_frees_the_workers(
     def full(*args: Any) -> None:
         raise OutputError("the disk is full")
 
-    engine = make_engine(cluster, threads=1)
+    executor = make_executor(cluster, threads=1)
     if how == "time":
         assert (
-            sweep(output, SWEEP, engine=engine, max_time=1e-9).stopped
+            sweep(output, SWEEP, executor=executor, max_time=1e-9).stopped
             == "the time is up"
         )
         # Of blocks that would take hours, too.
-        assert sweep(endless, ENDLESS, engine=engine, max_time=1e-9).stopped is not None
+        assert (
+            sweep(endless, ENDLESS, executor=executor, max_time=1e-9).stopped
+            is not None
+        )
     elif how == "interrupt":
         with pytest.raises(KeyboardInterrupt) as caught:
-            sweep(output, SWEEP, engine=engine, report=stop)
+            sweep(output, SWEEP, executor=executor, report=stop)
         assert caught.value.__notes__ == [f"{len(rows_of(output))} runs are kept"]
     else:
         with monkeypatch.context() as patch:
             patch.setattr(Stored, "append", full)
             with pytest.raises(OutputError, match="the disk is full"):
-                sweep(output, SWEEP, engine=engine)
+                sweep(output, SWEEP, executor=executor)
     assert len(rows_of(output)) < 80
-    assert sweep(output, SWEEP, engine=make_engine(cluster)).runs == 80
+    assert sweep(output, SWEEP, executor=make_executor(cluster)).runs == 80
     assert rows_of(output).equals(plain)
 
 
 def test_worker_of_another_version_is_refused(cluster, tmp_path, monkeypatch):
-    ours = daskengine.versions()
+    ours = daskexecutor.versions()
     answers = iter(
         [ours | {"numba": "0.1"}]
     )  # the driver's; workers are threads of this process
     monkeypatch.setattr(
-        daskengine, "versions", lambda: next(answers, ours | {"numba": "0.2"})
+        daskexecutor, "versions", lambda: next(answers, ours | {"numba": "0.2"})
     )
     worker = r"^the worker at tcp://127\S+ on \S+"
     sentence = rf"{worker}: its results would differ .*: numba 0.2 there"
     with pytest.raises(OutputError, match=sentence):
-        sweep(tmp_path, SWEEP, engine=make_engine(cluster))
+        sweep(tmp_path, SWEEP, executor=make_executor(cluster))
     assert not list(tmp_path.glob("runs/*"))
 
 
 def test_worker_with_other_sources_is_refused(cluster, tmp_path, monkeypatch):
     hashes = iter(["0123456789abcdef"])  # of the driver
-    program_hash = daskengine.program_hash
+    program_hash = daskexecutor.program_hash
     monkeypatch.setattr(
-        daskengine, "program_hash", lambda: next(hashes, program_hash())
+        daskexecutor, "program_hash", lambda: next(hashes, program_hash())
     )
     worker = r"^the worker at tcp://127\S+ on \S+"
     sentence = rf"{worker}: its results would differ .* has other sources there"
     with pytest.raises(OutputError, match=sentence):
-        sweep(tmp_path, SWEEP, engine=make_engine(cluster))
+        sweep(tmp_path, SWEEP, executor=make_executor(cluster))
     assert not list(tmp_path.glob("runs/*"))
 
 
@@ -337,15 +342,15 @@ def test_blocks_that_cannot_be_done_are_one_sentence(
     def fails(*args: Any) -> None:
         raise MemoryError("no room")
 
-    monkeypatch.setattr(daskengine, name, fails)
+    monkeypatch.setattr(daskexecutor, name, fails)
     # Of several cases, any block may be the first to fail.
     one_case = SWEEP | {"spin": {"n_i": 0.2, "omega_xy0": 0.01}}
     with pytest.raises(OutputError, match=words):
-        sweep(tmp_path, one_case, engine=make_engine(cluster))
+        sweep(tmp_path, one_case, executor=make_executor(cluster))
 
 
 def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(daskengine, "CONNECT_TIMEOUT", 1.0)
+    monkeypatch.setattr(daskexecutor, "CONNECT_TIMEOUT", 1.0)
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
@@ -354,7 +359,7 @@ def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):
             with pytest.raises(
                 OutputError, match=f"^--scheduler {address}: no Dask scheduler"
             ):
-                sweep(tmp_path, SWEEP, engine=make_engine(address))
+                sweep(tmp_path, SWEEP, executor=make_executor(address))
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ConfigError, match=r"pip install 'rattlesweep\[dask\]'"):
-        make_engine("tcp://127.0.0.1:8786")
+        make_executor("tcp://127.0.0.1:8786")

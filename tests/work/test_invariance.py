@@ -62,8 +62,8 @@ def whole(tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize(("rows", "threads"), [(1, 2), (16, 1), (47, 2), (1000, 1)])
 def test_blocks_and_threads_and_the_order_of_blocks(rows, threads, whole, tmp_path):
-    engine = cut(rows, dice=random.Random(1))
-    sweep(tmp_path, threads=min(threads, available_threads()), engine=engine)
+    executor = cut(rows, dice=random.Random(1))
+    sweep(tmp_path, threads=min(threads, available_threads()), executor=executor)
     assert len(open_stored(tmp_path).files()) == -(-RUNS // rows)
     check_equal(tmp_path, whole)
 
@@ -100,18 +100,20 @@ def test_runs_with_friction(name, tmp_path):
     for index in (1, 2, 0):
         shard = Shard(index, 3)
         threads = min(2, available_threads())
-        engine = cut(7, dice=random.Random(2))
-        sweep(tmp_path / "cut", config, shard=shard, threads=threads, engine=engine)
+        executor = cut(7, dice=random.Random(2))
+        sweep(tmp_path / "cut", config, shard=shard, threads=threads, executor=executor)
     check_equal(tmp_path / "cut", tmp_path / "whole")
     halves = [tmp_path / "half-0", tmp_path / "half-1"]
     for index, half in enumerate(halves):
-        sweep(half, config, shard=Shard(index, 2), engine=cut(11))
+        sweep(half, config, shard=Shard(index, 2), executor=cut(11))
     merge(halves, tmp_path / "merged")
     check_equal(tmp_path / "merged", tmp_path / "whole")
     stops = 0
     while stops < 100:
         try:
-            sweep(tmp_path / "stopped", config, engine=cut(9, 3, random.Random(stops)))
+            sweep(
+                tmp_path / "stopped", config, executor=cut(9, 3, random.Random(stops))
+            )
             break
         except Stop:
             stops += 1
@@ -136,7 +138,7 @@ def test_in_memory(whole):
 
 def test_shards_in_one_directory(whole, tmp_path):
     results = [
-        sweep(tmp_path, shard=Shard(index, 3), engine=cut(5)) for index in (2, 0, 1)
+        sweep(tmp_path, shard=Shard(index, 3), executor=cut(5)) for index in (2, 0, 1)
     ]
     check_equal(tmp_path, whole)
     assert [result.runs for result in results] == [RUNS // 3] * 3
@@ -152,7 +154,7 @@ def test_broken_off_again_and_again_moved_and_harmed(whole, tmp_path):
         try:
             sweep(
                 output,
-                engine=cut(5, 2, dice),
+                executor=cut(5, 2, dice),
                 threads=1 + stops % 2 % available_threads(),
             )
             break
@@ -174,7 +176,7 @@ def test_runs_that_failed_and_were_done_again(whole, tmp_path):
     failed = [RUNS]
     for steps in (1000, 3000):
         config = FULL | {"integrator": {"max_steps": steps}}
-        result = sweep(tmp_path, config, retry_failed=True, engine=cut(7))
+        result = sweep(tmp_path, config, retry_failed=True, executor=cut(7))
         assert result.done == failed[-1]
         failed.append(result.failed["step_limit"])
     assert RUNS > failed[1] > failed[2] > 0
@@ -185,13 +187,13 @@ def test_runs_that_failed_and_were_done_again(whole, tmp_path):
     check_equal(tmp_path, whole)
 
 
-def test_an_engine_that_loses_runs_is_found_out(tmp_path):
+def test_an_executor_that_loses_runs_is_found_out(tmp_path):
     def losing(work: Job, blocks: Iterator[Keys]) -> None:
         case, sample = next(blocks)
         local(work, iter([(case[1:], sample[1:])]))
 
     with pytest.raises(OutputError, match="left out 1 of the runs"):
-        sweep(tmp_path, SMALL, engine=losing)
+        sweep(tmp_path, SMALL, executor=losing)
     assert not (tmp_path / "summary.parquet").exists()
     assert sweep(tmp_path, SMALL).done == 1
 

@@ -12,7 +12,7 @@ import pytest
 from sweeping import CONFIGS, proved, run
 
 from rattlesweep.system import files
-from rattlesweep.work import dask as daskengine
+from rattlesweep.work import dask as daskexecutor
 
 # As on Windows, but for file names and locks, which are those of this system.
 CODE = """if True:
@@ -91,6 +91,6 @@ def test_workers_start_where_signals_cannot_be_blocked(
 ) -> None:
     monkeypatch.delattr(signal, "pthread_sigmask")
     entered = False
-    with daskengine._interrupts_blocked():
+    with daskexecutor._interrupts_blocked():
         entered = True
     assert entered
