@@ -42,6 +42,8 @@ QUANTITIES_OF_PATCH = (
 class ContactPatch:
     """Hertz's ellipse of contact under a body at rest, in SI units.
 
+    Stability: stable.
+
     Attributes
     ----------
     long_half_axis, short_half_axis : float

@@ -91,6 +91,8 @@ LINEAR_LOSSES = tuple(
 class GrowthRates(NamedTuple):
     """Growth rates of the amplitudes of the two modes of a steady spin, in
     ``sqrt(g/a)``.
+
+    Stability: stable.
     """
 
     pitch: Floats | float
@@ -104,6 +106,8 @@ def modes(body: BodiesLike) -> Modes:
     table with the columns ``alpha beta gamma theta phi xi``.  The result has ``omega_p
     omega_r omega_p0 omega_r0`` in ``sqrt(g/a)``, ``psi_p psi_r`` in radians and ``K_p
     K_r``, each a float for one body and an array for several.
+
+    Stability: stable.
 
     Examples
     --------
@@ -124,6 +128,8 @@ def reversal_time_gh(
     `body` is as for ``modes``.  The sign of the initial spin ``n_i``, which must not be
     zero, chooses the direction; ``omega_xy0`` is the initial oscillation along the
     relevant mode, both in ``sqrt(g/a)``.  All arguments broadcast.
+
+    Stability: stable.
 
     Examples
     --------
@@ -148,6 +154,8 @@ def bondi_threshold(body: BodiesLike) -> Floats | float:
     A steady spin beyond it, ``n < n_c1 < 0``, is linearly stable.  For mirrored bodies
     (``xi > 0``) all signs change.  `body` is as for ``modes``; the result is NaN where
     no spin is stable.
+
+    Stability: stable.
     """
     columns = _columns(body)
     xi = columns.pop("xi")
@@ -167,6 +175,8 @@ def growth_rates(
     `losses` are constants of dissipation by name, which lower the rates: ``sigma``, the
     lever ``pivot`` with the coefficient ``creep``, and ``viscous``.  Eigenvalues are
     known with ``sigma`` alone.
+
+    Stability: stable.
 
     Raises
     ------

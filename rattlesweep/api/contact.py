@@ -41,6 +41,8 @@ def contact_patch(
     The theory is that of smooth elastic solids.  It leaves out roughness, wear,
     yielding, the slow flow of plastics and the grain of wood.
 
+    Stability: stable.
+
     Parameters
     ----------
     body : Rattleback, str or mapping

@@ -27,6 +27,8 @@ def draw_bodies(
     A body is a function of seed, sample and ranges alone, so a sweep without a target
     has the same ones.
 
+    Stability: stable.
+
     Parameters
     ----------
     samples : int

@@ -35,6 +35,8 @@ def export(
     Two methods integrate the run at their tightest tolerance.  The file has the body,
     the launch and the first reversal in SI units, with z up.
 
+    Stability: may change.
+
     Parameters
     ----------
     body, **launch

@@ -53,6 +53,8 @@ def fit(
     A list of films is fitted together: each has its own launch, and what else is free
     is the same for all.  The noise is that of each film.
 
+    Stability: stable.
+
     Parameters
     ----------
     body : Rattleback, str or mapping

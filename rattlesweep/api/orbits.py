@@ -37,6 +37,8 @@ def orbit(
     that returns turned about the vertical is periodic, too.  The period of the result
     is the least one.  docs/orbits.md explains the kinds and the method.
 
+    Stability: stable.
+
     Parameters
     ----------
     body : Rattleback or str
@@ -112,6 +114,8 @@ def find_orbits(
 
     Rows of a section that nearly return are the starts of :func:`orbit`.
 
+    Stability: may change.
+
     Parameters
     ----------
     body, **launch
@@ -146,6 +150,8 @@ def branch(
 
     The family is followed in its arclength, so that it passes folds.  It ends at `to`,
     or after a number of steps.  Along a parameter the energy stays.
+
+    Stability: stable.
 
     Parameters
     ----------

@@ -56,7 +56,10 @@ LAUNCH_ARGUMENTS = (
 
 
 class Run(SimpleNamespace):
-    """Outcome of one run: an attribute for each column of ``runs``, and `units`."""
+    """Outcome of one run: an attribute for each column of ``runs``, and `units`.
+
+    Stability: stable.
+    """
 
     def __getitem__(self, name: str) -> Any:
         check_names("columns", [name], vars(self))
@@ -159,6 +162,8 @@ def simulate(
     order of ``attrs["shape"]``, with the columns of a sweep's ``runs`` except ``case``
     and ``sample``, ``t_r_s`` and ``n_i_rpm`` if sizes are known, and the index of a
     DataFrame of bodies.
+
+    Stability: stable.
 
     Parameters
     ----------

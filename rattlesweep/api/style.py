@@ -1,5 +1,7 @@
 """The style of the figures of rattlesweep, for figures of your own.
 
+Stability: may change.
+
 >>> from rattlesweep.api.style import BLUE, new_figure, save_figure, styled
 """
 

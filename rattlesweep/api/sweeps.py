@@ -41,6 +41,8 @@ class Sweep:
     """The output directory of a sweep, complete or running.
 
     Its tables are read when they are needed.
+
+    Stability: stable.
     """
 
     def __init__(self, directory: str | Path) -> None:
@@ -399,7 +401,10 @@ def _selection(name: str, values: object) -> str:
 
 
 def load(directory: str | Path) -> Sweep:
-    """Open the output directory of a sweep, complete or running."""
+    """Open the output directory of a sweep, complete or running.
+
+    Stability: stable.
+    """
     return Sweep(directory)
 
 
@@ -412,6 +417,8 @@ def sweep(
     **keys: Any,
 ) -> Sweep:
     """Run a sweep, or resume one; a ConfigWarning says what is doubtful.
+
+    Stability: stable.
 
     Parameters
     ----------

@@ -50,6 +50,8 @@ class Trajectory:
     If a section is asked for, the DataFrame `section` has the columns at each crossing,
     with `t` first and with `rising`, whether the channel rises there; the run is then
     integrated again for `table`, when that is first used.
+
+    Stability: stable.
     """
 
     def __init__(
@@ -152,7 +154,10 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Page:
-    """A self-contained HTML page, which notebooks show, and the file that has it."""
+    """A self-contained HTML page, which notebooks show, and the file that has it.
+
+    Stability: stable.
+    """
 
     content: bytes = field(repr=False)
     path: Path | None = None
@@ -197,6 +202,8 @@ def trajectory(
 
     The accepted steps, and so the first zero, are those of ``simulate``, whichever rows
     are requested.
+
+    Stability: stable.
 
     Parameters
     ----------
@@ -263,6 +270,8 @@ def show(
 
     The arguments are those of ``trajectory``, with 20 rows per pitch period by default.
     `title` is the title of the page, and `path` an .html file to write it to.
+
+    Stability: stable.
     """
     if title is None and isinstance(body, str):
         title = f"Rattleback {body}"
@@ -286,6 +295,8 @@ def replay(
     running. The other arguments are those of ``trajectory``; `t_end` is by default the
     sweep's.  Raises an OutputError if the run is not stored yet, is damaged, or differs
     in any bit.
+
+    Stability: stable.
     """
     _, run = prepare_stored(directory, t_end, case=case, sample=sample)
     return Trajectory(run, channels, section, **rows)

@@ -84,6 +84,8 @@ class Verdict:
         The same in words.
     ``t_s``, ``sure``
         When it turns back then, and whether a tighter run agrees.
+
+    Stability: stable.
     """
 
     table: pd.DataFrame
@@ -166,6 +168,8 @@ def verdict(
     Each spin is launched in both directions, once without friction and once with the
     losses that are given.  A patch that pivots also creeps: with the friction `creep`,
     by default `mu`, or else 0.3.
+
+    Stability: stable.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""Rattlebacks: their parameters, where these come from, and what they must satisfy."""
+"""Rattlebacks: their parameters, where these come from, and what they must satisfy.
+
+Stability: stable.
+"""
 
 from __future__ import annotations
 
@@ -33,6 +36,8 @@ PARAMETERS = ("alpha", "beta", "gamma", "theta", "phi", "xi")
 @dataclass(frozen=True)
 class Rattleback:
     """A rattleback in the units M = a = g = 1 (Eqs. 4-6 and 14).
+
+    Stability: stable.
 
     Parameters
     ----------

@@ -9,6 +9,9 @@ LEAST_GROWTH = 10.0  # logarithm of the growth that chaos exceeds; see docs/dyna
 
 
 def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
-    """Return whether differences grow by more than e^10 in the second half of a run."""
+    """Return whether differences grow by more than e^10 in the second half of a run.
+
+    Stability: stable.
+    """
     growth = np.asarray(lyapunov_late, dtype=float) * np.asarray(t_end, dtype=float) / 2
     return np.asarray(growth > LEAST_GROWTH)

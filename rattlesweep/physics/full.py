@@ -16,6 +16,8 @@ Theta^-1 R^-1(xi)``: subtracting 1 from ``B`` would lose nine digits at ``theta 
 The heading is the angle of the horizontal part ``h_1`` of the body's x axis from its
 direction at the start.  ``h_1`` and ``u x h_1`` at the start are the axes of the plane,
 with the origin at the contact point.
+
+Stability: may change.
 """
 
 # mypy: disable-error-code="no-untyped-def"

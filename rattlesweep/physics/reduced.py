@@ -13,6 +13,8 @@ state:
 rolling resistance takes.  A spin that comes to zero is held there while ``abs(K_r E_r -
 K_p E_p) <= l``.  Its sign is constant between two zeros: the ``sense``, 0 while it is
 held (:mod:`rattlesweep.physics.friction.pivoting`).  The normal force is the weight.
+
+Stability: may change.
 """
 
 # mypy: disable-error-code="no-untyped-def"

@@ -17,6 +17,8 @@ small numbers.
 All arithmetic is on real numbers and rounds in one way only, as IEEE 754 prescribes.
 Products of complex numbers in NumPy are fused on some processors, and the last bits of
 LAPACK differ with its build.
+
+Stability: may change.
 """
 
 from dataclasses import dataclass

@@ -3,6 +3,8 @@
 Formulas are rewritten so that nothing cancels where the paper's own forms would lose
 all digits. Angles are in radians, frequencies in ``sqrt(g/a)``, times in ``sqrt(a/g)``.
 Arguments broadcast.
+
+Stability: stable.
 """
 
 from collections.abc import Mapping
@@ -22,6 +24,8 @@ NO_SPIN = 1e-15
 @dataclass(frozen=True)
 class Modes:
     """Small oscillations without spin: the faster mode (pitch) and the slower (roll).
+
+    Stability: stable.
 
     Attributes
     ----------

@@ -22,6 +22,8 @@ def wilson(count: ArrayLike, whole: ArrayLike, z: float = Z95) -> tuple[Floats, 
     """Return the ends of the confidence interval of a share.
 
     By Wilson, J. Am. Stat. Assoc. 22, 209 (1927).
+
+    Stability: stable.
     """
     p = share(count, whole)
     weight = share(np.full(p.shape, z * z), whole)

@@ -13,7 +13,10 @@ PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of all that the numbers depend on."""
+    """Return the versions of all that the numbers depend on.
+
+    Stability: stable.
+    """
     return dict(_versions())
 
 
@@ -28,7 +31,10 @@ def _versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, str | int]:
-    """Return system and processor, and how many of them this process may use."""
+    """Return system and processor, and how many of them this process may use.
+
+    Stability: stable.
+    """
     from llvmlite import binding
 
     return {

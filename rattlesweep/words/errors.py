@@ -30,7 +30,10 @@ def one_line(text: str, limit: int = 60) -> str:
 
 
 class ConfigError(ValueError):
-    """A command, a config or an argument is wrong (exit code 2), with all messages."""
+    """A command, a config or an argument is wrong (exit code 2), with all messages.
+
+    Stability: stable.
+    """
 
     def __init__(self, messages: str | Iterable[str]) -> None:
         if isinstance(messages, str):
@@ -47,7 +50,10 @@ class ConfigWarning(UserWarning):
 
 
 class OutputError(RuntimeError):
-    """Results cannot be read or written (exit code 1)."""
+    """Results cannot be read or written (exit code 1).
+
+    Stability: stable.
+    """
 
 
 class GoneError(OutputError):

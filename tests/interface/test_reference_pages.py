@@ -13,6 +13,7 @@ from ruamel.yaml import YAML
 from sweeping import invoke
 
 import rattlesweep as rs
+from rattlesweep.analysis.fit import joint, result
 from rattlesweep.config.read import load_config, parse_config
 from rattlesweep.design.plan import make_plan
 from rattlesweep.rows import columns
@@ -65,6 +66,19 @@ def test_the_page_on_calls_has_every_public_name():
     page = (ROOT / "docs" / "api.md").read_text()
     assert names <= set(re.findall(r"`(\w+)`", page))
     assert ":::" not in page
+
+
+def test_each_public_name_says_how_stable_it_is():
+    page = (ROOT / "docs" / "api.md").read_text()
+    levels = re.findall(r"`([a-z ]+)`:", page)
+    public = [getattr(rs, name) for name in rs.__all__ if not name.startswith("_")]
+    public += [joint.JointFit, result.Fit]
+    modules = re.findall(r"`(rattlesweep\.[\w.]+)`", page)
+    assert len(modules) > 4
+    public += map(importlib.import_module, modules)
+    for each in public:
+        (level,) = re.findall(r"^ *Stability: (.*)\.$", each.__doc__, re.MULTILINE)
+        assert level in levels, each
 
 
 def test_every_example_is_valid(make):

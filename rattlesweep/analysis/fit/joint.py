@@ -42,6 +42,8 @@ class JointFit:
 
     Names of a launch have the number of their film, such as ``n_i_2``.  `intervals` are
     95 % intervals, and `alone` are the fits of each film alone.
+
+    Stability: may change.
     """
 
     values: dict[str, float]

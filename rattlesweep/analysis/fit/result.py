@@ -62,6 +62,8 @@ class Fit:
     that the remark advises, and None elsewhere.
 
     A fit prints as the table of the command, and is a table in a notebook.
+
+    Stability: stable.
     """
 
     values: dict[str, float]

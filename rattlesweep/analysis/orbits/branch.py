@@ -103,6 +103,8 @@ class Branch:
     The DataFrame `table` has a row for each orbit, in the order of the family, with
     units in ``attrs``.  The column `point` names special points, `accuracy` is the
     error of the parameter there.
+
+    Stability: stable.
     """
 
     body: Rattleback

@@ -190,6 +190,8 @@ class Orbit:
     large.  `closure` is the distance of the state from its return, `n_mean` the mean
     spin, and `volume_rate` the mean rate of the phase volume, whose growth over a
     period is the product of the multipliers.  Units are those of the body.
+
+    Stability: stable.
     """
 
     body: Rattleback
