@@ -149,8 +149,10 @@ def _differing_inputs(runs: pd.DataFrame) -> list[str]:
         y = runs.pop(f"{name}_b").to_numpy(float)
         equal = np.isclose(x, y, rtol=1e-9, atol=1e-12, equal_nan=True)
         for k in np.flatnonzero(~equal)[:1]:
-            run = f"case {runs['case'][k]}, sample {runs['sample'][k]}"
-            differing.append(f"{run}: {name}: {x[k]:.10g} against {y[k]:.10g}")
+            differing.append(
+                f"case {runs['case'][k]}, sample {runs['sample'][k]}: {name}: "
+                f"{x[k]:.10g} against {y[k]:.10g}"
+            )
     return differing
 
 

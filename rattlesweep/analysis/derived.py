@@ -230,15 +230,8 @@ def derived(
     values: dict[str, Any] = {name: getattr(b, name) for name in PARAMETERS}
     if b.c is not None:
         values["c"] = b.c
+    values |= vars(m)
     values |= {
-        "omega_p": m.omega_p,
-        "omega_r": m.omega_r,
-        "omega_p0": m.omega_p0,
-        "omega_r0": m.omega_r0,
-        "psi_p": m.psi_p,
-        "psi_r": m.psi_r,
-        "K_p": m.K_p,
-        "K_r": m.K_r,
         "n_c1": n_c1,
         "n_i": n_i,
         "omega_xy0": omega_xy0,
@@ -277,17 +270,18 @@ def derived(
         limits = outgrows
         if any(loss > 0 for name, loss in losses.items() if name != "sigma"):
             limits = outgrows * math.nan
-        if "base_azimuth" in drive:
-            values |= _of_base_along(b, m, damping, limits, drive)
-        else:
-            values |= _of_base(m, damping, limits, drive)
+        values |= _of_base(b, m, damping, limits, drive)
     return [
         quantity_of(body, name, value, *DERIVED[name]) for name, value in values.items()
     ]
 
 
 def _of_base(
-    m: theory.Modes, damping: Floats, limits: Floats, drive: dict[str, float]
+    b: Rattleback,
+    m: theory.Modes,
+    damping: Floats,
+    limits: Floats,
+    drive: dict[str, float],
 ) -> dict[str, float]:
     """Return what a plane that shakes does: where the body spins up, and how far.
 
@@ -295,71 +289,47 @@ def _of_base(
     turns the body until the spin stops it, or until the spin makes the other mode grow:
     over a long time this one neither grows nor decays, so the mean is its limit.
     Without losses the pitch turns the body twice as far, once and for all, and the
-    roll to no lasting spin.
+    roll to no lasting spin.  A plane that shakes along itself drives a mode at its own
+    frequency, and a drive of the roll leads to no lasting spin once the pitch grows.
     """
     frequency = drive["base_frequency"]
     acceleration = drive["base_acceleration"]
     omega = np.array([m.omega_p, m.omega_r], float)
     coefficients = np.array([m.K_p, -np.asarray(m.K_r)], float)
-    # At rest, from the drive as it is, and from one that is tuned to each mode.
-    growth = growth_of_drive(omega, frequency, acceleration)
-    tuned = growth_of_drive(omega, 2 * omega, acceleration)
-    of_pitch, of_roll = limits
-    least = np.array([of_roll, -math.inf])
-    most = np.array([math.inf, of_pitch])
-    without_losses = np.array([2.0, math.nan])
-
-    def mean_spins(growth: Floats) -> Floats:
-        spins: Floats = driven_spin(growth, damping, coefficients)
-        if not limits.any():
-            spins *= without_losses
-            return spins
-        return np.asarray(np.clip(spins, least, most), float)
-
-    spins = mean_spins(growth)
-    tuned_spins = mean_spins(tuned)
-    values = {"base_frequency": frequency, "base_acceleration": acceleration}
-    for k, mode in enumerate(MODES):
-        values[f"base_frequency_{mode}"] = 2 * omega[k]
-        values[f"n_base_{mode}"] = tuned_spins[k]
-        values[f"growth_base_{mode}"] = growth[k] - damping[k]
-    reached = spins[np.isfinite(spins)]
-    values["n_base"] = reached[0] if reached.size else math.nan
-    return values
-
-
-def _of_base_along(
-    b: Rattleback,
-    m: theory.Modes,
-    damping: Floats,
-    limits: Floats,
-    drive: dict[str, float],
-) -> dict[str, float]:
-    """Return what :func:`_of_base` does, of a plane that shakes along itself.
-
-    A drive of the roll leads to no lasting spin once the pitch grows.
-    """
-    frequency = drive["base_frequency"]
-    acceleration = drive["base_acceleration"]
-    omega = np.array([m.omega_p, m.omega_r], float)
-    psi = np.array([m.psi_p, m.psi_r], float)
-    inertia = theory.inertia_along(b.alpha, b.beta, psi)
-    coefficients = np.array([m.K_p, -np.asarray(m.K_r)], float)
-    of_mode = inertia, damping, coefficients
+    is_along = "base_azimuth" in drive
+    tuned = omega if is_along else 2 * omega
     of_pitch, of_roll = limits
 
-    def mean_spins(frequency: ArrayLike) -> Floats:
+    def pushed(frequency: ArrayLike) -> Floats:
+        psi = np.array([m.psi_p, m.psi_r], float)
+        inertia = theory.inertia_along(b.alpha, b.beta, psi)
+        of_mode = inertia, damping, coefficients
         pitch, roll = spin_of_push(omega, frequency, acceleration, *of_mode)
         lasting = roll if roll < of_pitch else math.nan
         return np.array([np.maximum(pitch, of_roll), lasting])
 
+    def lifted(frequency: ArrayLike) -> Floats:
+        growth = growth_of_drive(omega, frequency, acceleration)
+        spins = driven_spin(growth, damping, coefficients)
+        if not limits.any():
+            return spins * [2.0, math.nan]
+        return np.clip(spins, [of_roll, -math.inf], [math.inf, of_pitch])
+
+    # From the drive as it is, and from one that is tuned to each mode.
+    mean_spins = pushed if is_along else lifted
     spins = mean_spins(frequency)
-    tuned_spins = mean_spins(omega)
+    tuned_spins = mean_spins(tuned)
     values = {"base_frequency": frequency, "base_acceleration": acceleration}
     for k, mode in enumerate(MODES):
-        values[f"base_frequency_{mode}"] = omega[k]
+        values[f"base_frequency_{mode}"] = tuned[k]
         values[f"n_base_{mode}"] = tuned_spins[k]
-    values["n_base"] = spins[0]
+        if not is_along:
+            growth = growth_of_drive(omega, frequency, acceleration)
+            values[f"growth_base_{mode}"] = growth[k] - damping[k]
+    reached = spins[np.isfinite(spins)]
+    values["n_base"] = reached[0] if reached.size else math.nan
+    if is_along:
+        values["n_base"] = spins[0]
     return values
 
 

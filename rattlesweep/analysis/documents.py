@@ -24,15 +24,18 @@ _OPTIONAL = ("c", *list(DERIVED)[list(DERIVED).index("growth_roll_exact") + 1 :]
 class _Document(BaseModel):
     """A mapping without further keys."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 
 
 class SizeInSI(_Document):
     """The sizes of the units M, a and g."""
 
-    mass: float | None = Field(description="M in kg")
-    length: float | None = Field(description="a in m")
-    gravity: float | None = Field(description="g in m/s^2")
+    mass: float | None
+    """M in kg"""
+    length: float | None
+    """a in m"""
+    gravity: float | None
+    """g in m/s^2"""
 
 
 class ValueInSI(_Document):
@@ -45,87 +48,129 @@ class ValueInSI(_Document):
 class MaterialDocument(_Document):
     """A material of a patch of contact."""
 
-    E: float = Field(description="Young's modulus in Pa")
-    nu: float = Field(description="Poisson's ratio")
-    source: str = Field(description="where the constants are from")
+    E: float
+    """Young's modulus in Pa"""
+    nu: float
+    """Poisson's ratio"""
+    source: str
+    """where the constants are from"""
 
 
 class VerdictRun(_Document):
     """A launch in one direction, with or without friction."""
 
-    friction: str = Field(description="none, or the losses in words")
-    direction: str = Field(description="counterclockwise or clockwise, from above")
-    spin_rpm: float = Field(description="initial spin, without its sign")
-    outcome: str = Field(description="what happens, as in docs/verdict.md")
-    t_s: float | None = Field(description="time at which the spin passes zero")
-    error_s: float | None = Field(description="error of t_s by the integration")
-    reversals: int = Field(description="number of reversals by the end")
-    after_rpm: float | None = Field(description="largest spin after the first reversal")
-    held_s: float | None = Field(
-        description="time at which friction holds the spin at zero for the first time"
-    )
-    slides_s: float | None = Field(description="time at which the first slide begins")
-    end_s: float = Field(description="end of the run")
-    status: str = Field(description="ok, or a word for what went wrong")
-    sure: bool = Field(description="whether the outcome is sure")
-    samples: int = Field(description="number of stones drawn from the errors")
-    share: float | None = Field(description="share of them that turn back")
-    low_s: float | None = Field(description="lower end of 95 % of their times")
-    high_s: float | None = Field(description="upper end of 95 % of their times")
+    friction: str
+    """none, or the losses in words"""
+    direction: str
+    """counterclockwise or clockwise, from above"""
+    spin_rpm: float
+    """initial spin, without its sign"""
+    outcome: str
+    """what happens, as in docs/verdict.md"""
+    t_s: float | None
+    """time at which the spin passes zero"""
+    error_s: float | None
+    """error of t_s by the integration"""
+    reversals: int
+    """number of reversals by the end"""
+    after_rpm: float | None
+    """largest spin after the first reversal"""
+    held_s: float | None
+    """time at which friction holds the spin at zero for the first time"""
+    slides_s: float | None
+    """time at which the first slide begins"""
+    end_s: float
+    """end of the run"""
+    status: str
+    """ok, or a word for what went wrong"""
+    sure: bool
+    """whether the outcome is sure"""
+    samples: int
+    """number of stones drawn from the errors"""
+    share: float | None
+    """share of them that turn back"""
+    low_s: float | None
+    """lower end of 95 % of their times"""
+    high_s: float | None
+    """upper end of 95 % of their times"""
 
 
 class VerdictChange(_Document):
     """What makes a launch turn back, with all friction."""
 
-    direction: str = Field(description="counterclockwise or clockwise, from above")
-    spin_rpm: float = Field(description="initial spin, without its sign")
-    change: str = Field(description="spin, skew, lever or weights")
-    value: float = Field(description="how large it must be")
+    direction: str
+    """counterclockwise or clockwise, from above"""
+    spin_rpm: float
+    """initial spin, without its sign"""
+    change: str
+    """spin, skew, lever or weights"""
+    value: float
+    """how large it must be"""
     unit: str
-    before: float | None = Field(description="how large it is")
-    words: str = Field(description="the change in words")
-    t_s: float | None = Field(description="time at which the spin passes zero then")
-    sure: bool = Field(description="whether a tighter run agrees")
+    before: float | None
+    """how large it is"""
+    words: str
+    """the change in words"""
+    t_s: float | None
+    """time at which the spin passes zero then"""
+    sure: bool
+    """whether a tighter run agrees"""
 
 
 class VerdictDocument(_Document):
     """The output of ``rattlesweep verdict --json``."""
 
-    verdict: str = Field(description="the verdict in words, with all the friction")
+    verdict: str
+    """the verdict in words, with all the friction"""
     runs: list[VerdictRun]
-    advice: list[VerdictChange] = Field(description="what would make it turn back")
-    remarks: list[str] = Field(description="what the table does not show")
+    advice: list[VerdictChange]
+    """what would make it turn back"""
+    remarks: list[str]
+    """what the table does not show"""
 
 
 class PlanDocument(_Document):
     """The output of ``rattlesweep plan --json``; ``--check`` has the first three."""
 
     cases: int = Field(ge=1)
-    samples: int = Field(ge=1, description="number of runs of each case")
+    samples: int = Field(ge=1)
+    """number of runs of each case"""
     runs: int = Field(ge=1)
     threads: int = Field(1, ge=1)
-    seconds: float = Field(0.0, description="expected time, without compiling")
-    low: float = Field(0.0, description="how long it may take, at least, in seconds")
-    high: float = Field(0.0, description="how long it may take, at most, in seconds")
-    bytes: int = Field(0, description="size of the files")
-    decides: str | None = Field(
-        None, description="key of the config that makes the sweep skip runs"
-    )
+    seconds: float = 0.0
+    """expected time, without compiling"""
+    low: float = 0.0
+    """how long it may take, at least, in seconds"""
+    high: float = 0.0
+    """how long it may take, at most, in seconds"""
+    bytes: int = 0
+    """size of the files"""
+    decides: str | None = None
+    """key of the config that makes the sweep skip runs"""
 
 
 class StatusDocument(_Document):
     """The output of ``rattlesweep status --json``."""
 
-    runs: int = Field(ge=0, description="number of runs on disk")
-    wanted: int = Field(ge=0, description="number of runs that the sweep will have")
+    runs: int = Field(ge=0)
+    """number of runs on disk"""
+    wanted: int = Field(ge=0)
+    """number of runs that the sweep will have"""
     files: int
-    bytes: int = Field(description="size of the files")
-    status: dict[str, int] = Field(description="number of runs by status")
-    types: dict[str, int] = Field(description="number of runs by type")
-    damaged: list[str] = Field(description="files that were damaged and set aside")
-    at_work: list[Record] = Field(description="sessions that work now")
-    unknown: list[Record] = Field(description="sessions that work or were killed")
-    last: Record | None = Field(description="last session that is not at work")
+    bytes: int
+    """size of the files"""
+    status: dict[str, int]
+    """number of runs by status"""
+    types: dict[str, int]
+    """number of runs by type"""
+    damaged: list[str]
+    """files that were damaged and set aside"""
+    at_work: list[Record]
+    """sessions that work now"""
+    unknown: list[Record]
+    """sessions that work or were killed"""
+    last: Record | None
+    """last session that is not at work"""
 
 
 def _quantity(unit: str, meaning: str, is_optional: bool = False) -> tuple[Any, Any]:

@@ -113,8 +113,9 @@ class Axis:
             texts = wanted.split(":" if between else ",")
             numbers = np.array([float(text) for text in texts])[:, None]
         except ValueError:
-            form = "is not NAME=VALUES, as in n_i=-0.3,-0.5 or theta=0.6:0.7"
-            raise ConfigError(f"{option}: {form}") from None
+            raise ConfigError(
+                f"{option}: is not NAME=VALUES, as in n_i=-0.3,-0.5 or theta=0.6:0.7"
+            ) from None
         # One row for each requested value, which must exist.
         if between:
             matches = (v >= numbers[:1]) & (v <= numbers[-1:])

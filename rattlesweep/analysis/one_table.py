@@ -11,6 +11,7 @@ import io
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
@@ -167,19 +168,7 @@ def _list_text(values: list[float] | None) -> str | None:
     return json.dumps(values, separators=(",", ":"))
 
 
-def _parquet(file: BinaryIO, schema: pa.Schema) -> RowWriter:
-    writer: RowWriter = pq.ParquetWriter(
-        file, schema, version="2.6", compression="zstd"
-    )
-    return writer
-
-
-def _arrow(file: BinaryIO, schema: pa.Schema) -> RowWriter:
-    writer: RowWriter = pa.ipc.new_file(file, schema)
-    return writer
-
-
 _ARROW_WRITERS: dict[str, Callable[[BinaryIO, pa.Schema], RowWriter]] = {
-    ".parquet": _parquet,
-    ".arrow": _arrow,
+    ".parquet": partial(pq.ParquetWriter, version="2.6", compression="zstd"),
+    ".arrow": pa.ipc.new_file,
 }

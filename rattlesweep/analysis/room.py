@@ -255,8 +255,7 @@ def fit_to_size(figure: Figure) -> None:
 def _title_at(axes: Axes, place: str) -> Text:
     """Return the title at the left, the center or the right of a panel."""
     name = {"left": "_left_title", "center": "title", "right": "_right_title"}[place]
-    title: Text = getattr(axes, name)
-    return title
+    return getattr(axes, name)
 
 
 def _join_titles(axes: Axes) -> bool:

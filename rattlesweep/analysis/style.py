@@ -324,10 +324,7 @@ def scale_axis(
         raise ConfigError(
             f"--log: {name} has values that are not positive; leave it out"
         )
-    if which == "x":
-        axes.set_xscale("log")
-    else:
-        axes.set_yscale("log")
+    getattr(axes, f"set_{which}scale")("log")
     plain_ticks(axes, which, low, float(np.max(values)))
 
 
@@ -375,7 +372,7 @@ class PlainTicks(LogLocator):
 
 def plain_ticks(axes: Axes, which: str, low: float, high: float) -> None:
     """Label a logarithmic axis with plain numbers instead of powers of ten."""
-    axis = axes.xaxis if which == "x" else axes.yaxis
+    axis = getattr(axes, f"{which}axis")
     if high > 4 * low:
         axis.set_major_locator(PlainTicks())
     else:
@@ -488,16 +485,18 @@ def valid_texts() -> Iterator[None]:
     try:
         yield
     except RecursionError:
-        problem = "a formula is nested too deeply"
-        raise ConfigError(f"a text in the picture: {problem}") from None
+        raise ConfigError(
+            "a text in the picture: a formula is nested too deeply"
+        ) from None
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
         if isinstance(error, ValueError):
             raise ConfigError(f"a text in the picture: {reason}") from None
         if not mpl.rcParams["text.usetex"]:
             raise
-        advice = "set text.usetex to False"
-        raise ConfigError(f"a text in the picture: {reason}; {advice}") from None
+        raise ConfigError(
+            f"a text in the picture: {reason}; set text.usetex to False"
+        ) from None
 
 
 def save_figure(figure: Figure, paths: Sequence[Path], dpi: float = FIGURE_DPI) -> None:

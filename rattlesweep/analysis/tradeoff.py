@@ -329,9 +329,8 @@ def _advice(study: Study) -> str:
 
 
 def as_data(study: Study) -> dict[str, object]:
-    """Return the measurements as JSON can hold them."""
-    rows = study.rows.astype(object).replace([np.nan, np.inf], None)
-    return {"facts": study.facts, "rows": rows.to_dict("records")}
+    """Return the measurements as plain data."""
+    return {"facts": study.facts, "rows": study.rows.to_dict("records")}
 
 
 def save_tradeoff(study: Study, directory: Path) -> list[Path]:

@@ -14,7 +14,7 @@ from rattlesweep.analysis import room, style
 from rattlesweep.analysis.onerun.figure import shown
 from rattlesweep.analysis.style import BLUE, INK, SILVER
 from rattlesweep.arrays import Floats
-from rattlesweep.system.console import align
+from rattlesweep.system.console import align, joined
 
 NO_FRICTION = "none"
 COUNTERCLOCKWISE = "counterclockwise"
@@ -142,7 +142,7 @@ def sentence_of(rows: pd.DataFrame, end: float) -> str:
                 unsure["spin_rpm"], unsure["direction"], strict=True
             )
         ]
-        sentences.append(f"Not sure: {_listed(launches)}.")
+        sentences.append(f"Not sure: {joined(launches)}.")
     return " ".join(sentences)
 
 
@@ -162,8 +162,8 @@ def _clauses(rows: pd.DataFrame, end: float) -> str:
             clause += f" for {end:g} s"
         clauses.append(clause)
     if words[0] != TURNS or len(words) == 1:
-        return _listed(clauses)
-    return f"{clauses[0]}, but {_listed(clauses[1:])}"
+        return joined(clauses)
+    return f"{clauses[0]}, but {joined(clauses[1:])}"
 
 
 def _spins(some: Sequence[float], asked: Sequence[float]) -> str:
@@ -171,15 +171,7 @@ def _spins(some: Sequence[float], asked: Sequence[float]) -> str:
     first = asked.index(some[0])
     if len(some) > 2 and [*some] == [*asked[first : first + len(some)]]:
         return f"{some[0]:g} to {some[-1]:g} rpm"
-    return f"{_listed([f'{spin:g}' for spin in some])} rpm"
-
-
-def _listed(words: Sequence[str]) -> str:
-    *others, last = words
-    if not others:
-        return last
-    comma = "," if any("," in word for word in others) else ""
-    return f"{', '.join(others)}{comma} and {last}"
+    return f"{joined([f'{spin:g}' for spin in some])} rpm"
 
 
 def _range(times: Iterable[float]) -> str:

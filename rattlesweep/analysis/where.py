@@ -212,8 +212,7 @@ class _Evaluation:
         _check_numbers("a sign", operand)
         if isinstance(node.op, ast.UAdd):
             return operand
-        negated: _Value = operator.mul(operand, -1)
-        return negated
+        return operator.mul(operand, -1)
 
     def arithmetic(self, node: ast.BinOp) -> _Value:
         """Return the result of arithmetic on numbers and columns of numbers."""
@@ -251,8 +250,7 @@ class _Evaluation:
             raise ValueError(f"{name} takes one number or column")
         argument = self.value(node.args[0])
         _check_numbers(name, argument)
-        result: _Value = FUNCTIONS[name](argument)
-        return result
+        return FUNCTIONS[name](argument)
 
     def method(self, receiver: ast.expr, name: str, node: ast.Call) -> _Value:
         """Return what one of the methods in _METHODS says about a column."""
@@ -263,8 +261,7 @@ class _Evaluation:
             raise ValueError(f".{name} is a method of columns only")
         arguments = [self.value(argument) for argument in node.args]
         keywords = {str(word.arg): self.value(word.value) for word in node.keywords}
-        result: _Value = getattr(column, name)(*arguments, **keywords)
-        return result
+        return getattr(column, name)(*arguments, **keywords)
 
 
 def _compared(first: _Value, sign: type[ast.cmpop], second: _Value) -> _Value:

@@ -49,10 +49,6 @@ _KINDS = {
 _KINDS |= {"omega": "spin", "from_time": "time", "times": "time"}
 _KINDS |= {"e_p0": "energy", "e_r0": "energy"}
 _KINDS |= {"period": "time", "energy": "energy"}
-_KEYS_OF_BASE = (
-    *("frequency", "acceleration", "amplitude", "phase_deg"),
-    *("direction", "azimuth_deg"),
-)
 # Columns that hold the size of bodies, and the height of their rims.
 SIZE_COLUMNS = ("mass_kg", "height_m", "gravity_m_s2", "rim")
 OF_BODIES = (*PARAMETERS, "c", *SIZE_COLUMNS)
@@ -220,6 +216,7 @@ def columns_of_base(base: object, units: Units | None = None) -> dict[str, Float
     It is a pair of frequency and acceleration, or a mapping with the keys of a config.
     """
     from rattlesweep.config.clashes import clashes_of_plane
+    from rattlesweep.config.schema import Shaking
 
     if not isinstance(base, Mapping):
         if not isinstance(base, tuple | list) or len(base) != 2:
@@ -229,7 +226,7 @@ def columns_of_base(base: object, units: Units | None = None) -> dict[str, Float
             )
         base = dict(zip(("frequency", "acceleration"), base, strict=True))
     given = {name: value for name, value in base.items() if value is not None}
-    check_names("keys of base", given, _KEYS_OF_BASE)
+    check_names("keys of base", given, Shaking.model_fields)
     direction = given.pop("direction", "vertical")
     if direction not in BASE_DIRECTIONS:
         raise ConfigError(
@@ -388,8 +385,10 @@ def broadcast(
         if arrays.get("alpha", np.zeros(())).shape:
             shapes = {"bodies": arrays["alpha"].shape, **shapes}
         listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-        advice = "for all combinations, write one as a column, as in [[1], [2]]"
-        raise ConfigError(f"the shapes do not broadcast: {listed}; {advice}") from None
+        raise ConfigError(
+            f"the shapes do not broadcast: {listed}; for all combinations, write one "
+            "as a column, as in [[1], [2]]"
+        ) from None
     return dict(zip(arrays, columns, strict=True)), columns[0].shape
 
 

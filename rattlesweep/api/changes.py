@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rattlesweep.analysis.advice import weights_for_skew, with_weights
 from rattlesweep.analysis.contact import patch_under
+from rattlesweep.analysis.verdict import CLOCKWISE, COUNTERCLOCKWISE, SIGN_OF_DIRECTION
 from rattlesweep.arrays import Floats
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.friction.materials import MATERIALS
@@ -47,24 +49,30 @@ Tries = Callable[[Sequence[Trial], bool], "pd.DataFrame"]
 class Change:
     """What makes a launch turn back, as a row of the table of advice."""
 
-    direction: str
-    spin_rpm: float
     change: str  # spin, skew, lever or weights
     value: float
     unit: str
     before: float | None
     words: str
-    trial: Trial
+    trial: Trial  # the launch with the change
+
+    @property
+    def direction(self) -> str:
+        """The direction of the launch."""
+        return COUNTERCLOCKWISE if self.trial.n_i_rpm > 0 else CLOCKWISE
+
+    @property
+    def spin_rpm(self) -> float:
+        """The spin of the launch without its sign."""
+        return abs(self.trial.n_i_rpm)
 
 
-def smallest_spin(
-    trial: Trial, direction: str, most: float, tries: Tries
-) -> Change | None:
-    """Return the smallest spin found that turns back in the direction of a trial."""
-    sign = math.copysign(1.0, trial.n_i_rpm)
+def smallest_spin(trial: Trial, tries: Tries) -> Change | None:
+    """Return the smallest spin found, up to that of a trial, that turns back."""
+    most = abs(trial.n_i_rpm)
 
     def at(spin: float) -> Trial:
-        return replace(trial, n_i_rpm=sign * spin)
+        return replace(trial, n_i_rpm=math.copysign(spin, trial.n_i_rpm))
 
     low = min(_LEAST_SPIN, most)
     spin = _first(np.geomspace(low, most, TRIED), at, tries)
@@ -73,10 +81,10 @@ def smallest_spin(
     words = f"{spin:g} rpm is the smallest spin found that turns back"
     if spin <= low:
         words = f"already {spin:g} rpm turns back"
-    return Change(direction, spin, "spin", spin, "rpm", None, words, at(spin))
+    return Change("spin", spin, "rpm", None, words, at(spin))
 
 
-def larger_skew(trial: Trial, direction: str, tries: Tries) -> Change | None:
+def larger_skew(trial: Trial, tries: Tries) -> Change | None:
     """Return the smallest larger skew found with which a launch turns back."""
     before = math.degrees(abs(trial.body.xi))
     if before >= _MOST_SKEW:
@@ -90,12 +98,10 @@ def larger_skew(trial: Trial, direction: str, tries: Tries) -> Change | None:
     if skew is None:
         return None
     words = f"a skew of {skew:g} deg instead of {before:.3g}"
-    return Change(
-        direction, abs(trial.n_i_rpm), "skew", skew, "deg", before, words, at(skew)
-    )
+    return Change("skew", skew, "deg", before, words, at(skew))
 
 
-def shorter_lever(trial: Trial, direction: str, tries: Tries) -> Change | None:
+def shorter_lever(trial: Trial, tries: Tries) -> Change | None:
     """Return the longest shorter lever found with which a launch turns back.
 
     The words name materials on which the stone would have such a lever.
@@ -116,12 +122,10 @@ def shorter_lever(trial: Trial, direction: str, tries: Tries) -> Change | None:
     material = _material_of(trial.body, lever)
     if material is not None:
         words += f" ({material})"
-    return Change(
-        direction, abs(trial.n_i_rpm), "lever", lever, "um", before, words, at(lever)
-    )
+    return Change("lever", lever, "um", before, words, at(lever))
 
 
-def two_weights(trial: Trial, direction: str, tries: Tries) -> Change | None:
+def two_weights(trial: Trial, tries: Tries) -> Change | None:
     """Return two light weights with which a launch turns back."""
     units = trial.body.units
     if units is None or not math.isfinite(units.mass):
@@ -136,12 +140,11 @@ def two_weights(trial: Trial, direction: str, tries: Tries) -> Change | None:
     if not tries([heavier], False)["turns"].iloc[0]:
         return None
     _, _, words = weights.sentence.partition(": ")
-    spin = abs(trial.n_i_rpm)
     grams = 1e3 * weights.mass
     words = words.replace(" make it ", ", for a skew of ").replace(
         " deg instead of ", " instead of "
     )
-    return Change(direction, spin, "weights", grams, "g", None, words, heavier)
+    return Change("weights", grams, "g", None, words, heavier)
 
 
 def _first(
@@ -186,22 +189,15 @@ def _material_of(body: Rattleback, lever: float) -> str | None:
     """
     if body.units is None or not math.isfinite(body.units.mass):
         return None
-    levers = {
-        f"{stone} on {plane}": _lever_of(body, stone, plane)
-        for stone in MATERIALS
-        for plane in MATERIALS
-    }
+    levers = {}
+    for (stone, first), (plane, second) in product(MATERIALS.items(), repeat=2):
+        patch = patch_under(body, (first, second), PATCH_FRICTION, 1.0)
+        levers[f"{stone} on {plane}"] = patch.lever / MICRO
     possible = {pair: size for pair, size in levers.items() if size <= lever}
     if not possible:
         return None
     pair = max(possible, key=possible.__getitem__)
     return f"{pair} has {possible[pair]:.2g} um"
-
-
-def _lever_of(body: Rattleback, stone: str, plane: str) -> float:
-    """Return the lever of two materials in um."""
-    pair = (MATERIALS[stone], MATERIALS[plane])
-    return patch_under(body, pair, PATCH_FRICTION, 1.0).lever / MICRO
 
 
 def changes(
@@ -217,11 +213,10 @@ def changes(
     changed; it may be empty.
     """
     for direction, spins in failing.items():
-        sign = 1.0 if direction == "counterclockwise" else -1.0
-        trial = Trial(body, losses, sign * most)
-        found = [smallest_spin(trial, direction, most, tries)]
+        trial = Trial(body, losses, SIGN_OF_DIRECTION[direction] * most)
+        found = [smallest_spin(trial, tries)]
         if len(spins):
             launch = replace(trial, n_i_rpm=sorted(spins, key=abs)[len(spins) // 2])
-            for search in (larger_skew, shorter_lever, two_weights):
-                found.append(search(launch, direction, tries))
+            searches = (larger_skew, shorter_lever, two_weights)
+            found += [search(launch, tries) for search in searches]
         yield from (each for each in found if each is not None)

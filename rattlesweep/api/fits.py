@@ -96,17 +96,17 @@ def fit(
     ConfigError
         If an argument or the data are wrong, or the data are too few.
     """
-    options: dict[str, Any] = {"free": free, "error": error, "robust": robust}
-    options |= {"base": base, **losses}
+    options: dict[str, Any] = {"body": body, "free": free, "base": base, **losses}
+    options |= {"launch": launch, "error": error, "robust": robust}
     with Bar.of_call(progress) as bar:
         if isinstance(data, list | tuple):
-            return fit_films(bar, body, data, launch=launch, **options)
+            return fit_films(bar, data, **options)
         one: Any = data
-        return fit_with_progress(bar, body, one, launch=launch, **options)
+        return fit_with_progress(bar, one, **options)
 
 
 def fit_films(
-    bar: Bar, body: object, data: Sequence[OneFilm], *, launch: Any, **options: Any
+    bar: Bar, data: Sequence[OneFilm], *, launch: Any, **options: Any
 ) -> JointFit:
     """Fit several films together as :func:`fit` does, and show the progress."""
     from rattlesweep.analysis.fit.joint import fit_together
@@ -120,7 +120,7 @@ def fit_films(
             "give two films or more, and one launch for all or one for each"
         )
     fits = [
-        fit_with_progress(bar, body, one, launch=own, **options)
+        fit_with_progress(bar, one, launch=own, **options)
         for one, own in zip(data, launches, strict=True)
     ]
     return fit_together(fits)
@@ -128,15 +128,11 @@ def fit_films(
 
 def fit_with_progress(
     bar: Bar,
-    body: object,
     data: OneFilm,
     *,
-    free: Iterable[str],
-    launch: Any,
     error: NumberOrText | None = None,
     robust: bool = False,
-    base: object = None,
-    **losses: Any,
+    **asked: Any,
 ) -> Fit:
     """Fit as :func:`fit` does, and show the progress on a bar."""
     from rattlesweep.analysis.fit.film import read_film
@@ -146,7 +142,7 @@ def fit_with_progress(
 
     if isinstance(data, Mapping):
         arguments.refuse_units_of_columns("data", data)
-    run, stone, priors, names = _to_fit(body, free, launch, base, losses)
+    run, stone, priors, names = _to_fit(**asked)
     film = read_film(data, run.body.units, error, run.n_i)
     film = from_the_launch(film, run.n_i)
     with listening(bar.compiling):
@@ -154,51 +150,36 @@ def fit_with_progress(
 
 
 def plan_of_fit(
-    body: object,
-    *,
-    free: Iterable[str],
-    launch: Any,
-    seconds: str,
-    fps: float,
-    error: NumberOrText | None = None,
-    base: object = None,
-    **losses: Any,
+    *, seconds: str, fps: float, error: NumberOrText | None = None, **asked: Any
 ) -> Fit:
     """Return the fit that a film of the given values would have, at its best."""
     from rattlesweep.analysis.fit.film import read_film
     from rattlesweep.analysis.fit.search import planned_fit
     from rattlesweep.analysis.fit.synthetic import synthetic_film
 
-    run, stone, priors, names = _to_fit(body, free, launch, base, losses)
+    run, stone, priors, names = _to_fit(**asked)
     table = synthetic_film(run, seconds, fps)
     film = read_film(table, run.body.units, error or FILM_ERROR, run.n_i)
     return planned_fit(run, film, names, stone, priors)
 
 
 def film_of(
-    body: object,
-    *,
-    launch: Any,
-    seconds: str,
-    fps: float,
-    error: str,
-    seed: int,
-    base: object = None,
-    **losses: Any,
+    *, seconds: str, fps: float, error: str, seed: int, **asked: Any
 ) -> pd.DataFrame:
     """Return a synthetic film of a stone."""
     from rattlesweep.analysis.fit.synthetic import synthetic_film
 
-    run, _, _, _ = _to_fit(body, ["n_i"], launch, base, losses)
+    run, _, _, _ = _to_fit(free=["n_i"], **asked)
     return synthetic_film(run, seconds, fps, error, seed)
 
 
 def _to_fit(
+    *,
     body: object,
     free: Iterable[str],
     launch: Any,
-    base: object,
-    losses: Mapping[str, Any],
+    base: object = None,
+    **losses: Any,
 ) -> tuple[Launch, MeasuredBody, dict[str, Prior], list[str]]:
     """Return the run of a fit, its body, priors and free parameters."""
     from rattlesweep.analysis.fit.measured import separate

@@ -227,17 +227,9 @@ def simulate(
     integrator = {name: settings[name] for name in INTEGRATOR if name in settings}
     losses = {name: settings[name] for name in ACTING if name in settings}
     check_count("threads", threads)
-    spin = {"n_i": n_i, "omega_xy0": omega_xy0}
-    columns, shape = _columns_of_runs(
-        body,
-        spin=spin,
-        omega=omega,
-        u=u,
-        t_end=t_end,
-        psi=psi,
-        losses=losses,
-        base=settings.get("base"),
-    )
+    launch = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end, **losses}
+    base = settings.get("base")
+    columns, shape = _columns_of_runs(body, launch, omega, u, psi, base)
     _doubt_taps(columns)
     names = arguments.names_of("record", record)
     plan = plan_of_rows(_rows_of_runs(columns), model, integrator, names)
@@ -255,13 +247,10 @@ def simulate(
 
 def _columns_of_runs(
     body: BodiesLike,
-    *,
-    spin: Mapping[str, ArrayLike | None],
+    launch: Mapping[str, ArrayLike | None],
     omega: ArrayLike | None,
     u: ArrayLike | None,
-    t_end: ArrayLike | None,
     psi: ArrayLike | None,
-    losses: Mapping[str, ArrayLike],
     base: object,
 ) -> tuple[dict[str, Floats], tuple[int, ...]]:
     """Return the columns of bodies with their launches, and the shape of the runs.
@@ -278,7 +267,8 @@ def _columns_of_runs(
             warnings.warn(text, ConfigWarning, stacklevel=3)
     columns = arguments.body_columns(body)
     units = arguments.column_units(columns)
-    arrays = _arrays({**spin, "t_end": t_end, **losses}, base, units)
+    arrays = _arrays(launch, base, units)
+    spin = {name: launch[name] for name in INITIAL_RATES}
     is_full = is_full_state(omega, u, {**spin, "psi": psi})
     if is_full:
         arrays |= arguments.full_states(omega, u, units)

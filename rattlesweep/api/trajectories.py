@@ -172,8 +172,10 @@ class Page:
 
     def _repr_html_(self) -> str:
         # Scripts in this frame have no access to the notebook.
-        look = 'sandbox="allow-scripts" style="width: 100%; height: 720px; border: 0"'
-        return f'<iframe {look} srcdoc="{html.escape(self.content.decode())}"></iframe>'
+        return (
+            '<iframe sandbox="allow-scripts" style="width: 100%; height: 720px; '
+            f'border: 0" srcdoc="{html.escape(self.content.decode())}"></iframe>'
+        )
 
 
 def page_path(path: str | Path) -> Path:

@@ -242,7 +242,14 @@ def verdict_on(
     """Return a verdict as :func:`verdict` does, without a bar."""
     import pandas as pd
 
-    from rattlesweep.analysis.verdict import NO_FRICTION, judged, outcomes, sentence_of
+    from rattlesweep.analysis.verdict import (
+        CLOCKWISE,
+        COUNTERCLOCKWISE,
+        NO_FRICTION,
+        judged,
+        outcomes,
+        sentence_of,
+    )
 
     stone = _sized(body, length)
     check_count("samples", samples)
@@ -277,7 +284,8 @@ def verdict_on(
         tighter = outcomes(_integrated(rows.iloc[: len(launches)], TIGHTER))
         part = judged(found, tighter, VERDICT_TOL)
         part.insert(0, "friction", friction)
-        part.insert(1, "direction", launches["n_i_rpm"].map(_direction))
+        is_positive = launches["n_i_rpm"] > 0
+        part.insert(1, "direction", np.where(is_positive, COUNTERCLOCKWISE, CLOCKWISE))
         part.insert(2, "spin_rpm", launches["n_i_rpm"].abs())
         parts.append(part)
     # The two frictions of a launch follow each other.
@@ -350,18 +358,13 @@ def _rows_of_stones(
 
 def _sized(body: object, length: float | str | None) -> MeasuredBody:
     """Return a body and its errors; without a size of its own, of that of `length`."""
+    from rattlesweep.design.bodies.making import missing_height
+
     stone = arguments.measured_from(body)
-    has_size = stone.body.units is not None
-    if has_size and length is not None:
-        raise ConfigError("length: the body has a size already; leave length out")
-    if has_size:
+    needed = missing_height(stone.body.units, length)
+    if needed is None:
         return stone
-    if length is None:
-        raise ConfigError(
-            "length: the body has no size; give the height of its centre of mass, such "
-            "as 1 cm"
-        )
-    height = _in_si("length", length, "length")
+    height = _in_si("length", needed, "length")
     return replace(stone, body=stone.body.replace(units=Units(np.nan, height)))
 
 
@@ -396,12 +399,6 @@ def _launches(
             "t_end_s": _in_si("t_end", t_end, "time"),
         }
     )
-
-
-def _direction(n_i: float) -> str:
-    from rattlesweep.analysis.verdict import CLOCKWISE, COUNTERCLOCKWISE
-
-    return COUNTERCLOCKWISE if n_i > 0 else CLOCKWISE
 
 
 def _column(loss: str) -> str:

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import click
 from click import option
 
-from rattlesweep.cli import (
+from rattlesweep.cli import (  # noqa: F401 - they register their commands
     bodies,
     courses,
     exports,
@@ -36,19 +36,6 @@ from rattlesweep.cli.options import (
 )
 from rattlesweep.system.processors import SettingError
 from rattlesweep.words.errors import ConfigError, OutputError
-
-__all__ = [
-    "bodies",
-    "courses",
-    "exports",
-    "fits",
-    "main",
-    "orbits",
-    "studies",
-    "sweeps",
-    "verdict",
-    "views",
-]
 
 FIRST_LINES = """\
   rattlesweep init --example quickstart     writes configs/quickstart.yaml

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,15 +9,16 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.given import body_of, flag, names_of_options, stone_or_options
+from rattlesweep.cli.given import body_of, names_of_options, stone_or_options
 from rattlesweep.cli.options import (
     Given,
     command,
+    flag,
     pick,
+    print_result,
     probe_files,
     say,
     tell,
-    to_json,
     warn,
 )
 from rattlesweep.system.console import align
@@ -102,10 +102,7 @@ def body(as_json: bool, figure: Path | None, **given: Any) -> None:
         from rattlesweep.analysis.onerun.sides import save_figure_of_mesh
 
         save_figure_of_mesh(figure, of_mesh, {each.name: each for each in values})
-    if as_json:
-        click.echo(to_json(_as_data(described, values)))
-    else:
-        click.echo(_as_table(described, values))
+    print_result(as_json, _as_data(described, values), _as_table(described, values))
     advice = weights_for_skew(described)
     if advice is not None:
         say(advice.sentence)
@@ -115,7 +112,7 @@ def _as_data(body: Rattleback, values: list[DerivedQuantity]) -> dict[str, objec
     """Return derived quantities by name, and in SI units if the size is known."""
     data: dict[str, object] = {quantity.name: quantity.value for quantity in values}
     if body.units is not None:
-        data["units"] = asdict(body.units)
+        data["units"] = body.units
         data["si"] = {
             quantity.name: {"value": quantity.in_si[0], "unit": quantity.in_si[1]}
             for quantity in values
@@ -206,13 +203,9 @@ def contact(stone: Path | None, as_json: bool, **given: Any) -> None:
     with names_of_options(arguments):
         patch = contact_patch(described, **arguments)
     values = patch.quantities()
-    if as_json:
-        data = _as_data(described, values)
-        data["materials"] = [asdict(each) for each in patch.materials]
-        data["remarks"] = patch.remarks
-        click.echo(to_json(data))
-    else:
-        click.echo(_as_table(described, values))
+    data = _as_data(described, values)
+    data |= {"materials": patch.materials, "remarks": patch.remarks}
+    print_result(as_json, data, _as_table(described, values))
     for remark in patch.remarks:
         say(remark)
 

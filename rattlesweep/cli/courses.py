@@ -10,18 +10,19 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.given import flag, prepared_run, run_of_stone
+from rattlesweep.cli.given import prepared_run, run_of_stone
 from rattlesweep.cli.options import (
     DONE,
     SOME_FAILED,
     command,
     pick,
     probe_files,
+    refuse,
     say,
     tell,
     warn,
 )
-from rattlesweep.system.console import align, counted
+from rattlesweep.system.console import align, counted, shortened
 from rattlesweep.words.defaults import FRAMES_A_PERIOD
 from rattlesweep.words.errors import ConfigError
 
@@ -169,17 +170,12 @@ def show(
     rows = pick(given, "points", "from_time")
     proof = ""
     if directory is not None and directory.is_file():
-        if which:
-            raise ConfigError(
-                f"{flag(next(iter(which)))}: a stone file has no stored runs; leave it "
-                "out"
-            )
+        refuse(which, "a stone file has no stored runs; leave it out")
         title = title or directory.stem
         run = run_of_stone(directory, given)
     elif directory is not None:
         t_end = given.pop("t_end")
-        for name in pick(given, *given):
-            raise ConfigError(f"{flag(name)}: a stored run has its own; leave it out")
+        refuse(given, "a stored run has its own; leave it out")
         stored, run = prepare_stored(directory, t_end, **which)
         proof = stored.proof
         title = title or stored.title
@@ -269,7 +265,5 @@ def _times(times: list[float], event: str) -> str:
     """Return how many events there are, with the first of their times."""
     if not times:
         return f"no {event}s"
-    shown = ", ".join(f"{time:.10g}" for time in times[:MOST_TIMES])
-    if len(times) > MOST_TIMES:
-        shown += ", ..."
+    shown = shortened([f"{time:.10g}" for time in times], MOST_TIMES)
     return f"{counted(len(times), event)} at {shown}"

@@ -9,8 +9,8 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.given import flag, prepared_run
-from rattlesweep.cli.options import command, pick, probe_files, say, tell
+from rattlesweep.cli.given import prepared_run
+from rattlesweep.cli.options import command, probe_files, refuse, say, tell
 from rattlesweep.words.defaults import CASE_NAME, EXPORT_FORMAT
 from rattlesweep.words.errors import ConfigError
 
@@ -90,10 +90,7 @@ def export(
             **{"format": format, "engine": engine, "name": name},
             **{"length": length, "output": output, "portable": portable or None},
         }
-        for option_of in pick({**given, **others}, *given, *others):
-            raise ConfigError(
-                f"{flag(option_of)}: the reference cases have their own; leave it out"
-            )
+        refuse(given | others, "the reference cases have their own; leave it out")
         tell(*write_cases(cases))
         return
     if format is not None and engine is not None:

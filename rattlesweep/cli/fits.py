@@ -9,15 +9,15 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.given import placed, read_stone
+from rattlesweep.cli.given import messages_placed, read_stone
 from rattlesweep.cli.options import (
     DONE,
     SOME_FAILED,
     command,
     pick,
+    print_result,
     probe_files,
     say,
-    to_json,
 )
 from rattlesweep.system.console import Bar
 from rattlesweep.words.defaults import FILM_ERROR, FILM_RATE
@@ -84,7 +84,7 @@ def fit(
     arguments = read_stone(stone)
     if error is not None:
         arguments["error"] = error
-    try:
+    with messages_placed(stone, data, error):
         if plan is not None:
             planned = plan_of_fit(seconds=plan, fps=fps, **arguments)
             click.echo(_fit_report(planned, None))
@@ -100,14 +100,7 @@ def fit(
             table = None
             if profile is not None:
                 table = best.profile(profile)
-    except ConfigError as failure:
-        raise ConfigError(
-            [placed(message, stone, data, error) for message in failure.messages]
-        ) from None
-    if as_json:
-        click.echo(to_json(_fit_as_json(best, table)))
-    else:
-        click.echo(_fit_report(best, table))
+    print_result(as_json, _fit_as_json(best, table), _fit_report(best, table))
     if figure is not None:
         if table is not None:
             best.plot_profile(table, figure)
@@ -140,12 +133,10 @@ def _check_films(
 
 def _tell_of_films(joint: JointFit, as_json: bool, quiet: bool) -> int:
     """Print a fit of several films, and return the exit code."""
-    if as_json:
-        names = ["values", "intervals", "rows", "dof", "remarks"]
-        data = {name: getattr(joint, name) for name in names}
-        click.echo(to_json({**data, "covariance": joint.covariance.to_dict()}))
-    else:
-        click.echo(joint.table_as_text)
+    names = ["values", "intervals", "rows", "dof", "remarks"]
+    data = {name: getattr(joint, name) for name in names}
+    data["covariance"] = joint.covariance.to_dict()
+    print_result(as_json, data, joint.table_as_text)
     if not quiet:
         for line in joint.lines_below:
             say(line)
@@ -212,10 +203,6 @@ def film(
     if noise is not None:
         error = noise
     arguments = pick(read_stone(stone), "body", "launch", "base", *LOSSES)
-    try:
+    with messages_placed(stone):
         table = film_of(seconds=seconds, fps=fps, error=error, seed=seed, **arguments)
-    except ConfigError as failure:
-        raise ConfigError(
-            [placed(message, stone, (), None) for message in failure.messages]
-        ) from None
     click.echo(table.to_csv(index=False), nl=False)

@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.cli import options
-from rattlesweep.cli.options import Given, pick, warn
+from rattlesweep.cli.options import Given, flag, pick, refuse, warn
 from rattlesweep.words.errors import ConfigError, ConfigWarning, one_line
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import PreparedRun
     from rattlesweep.physics.body import Rattleback
-
-
-def flag(name: str) -> str:
-    """Return the flag of an argument."""
-    if name == "shape":
-        return "--half-ellipsoid"
-    return f"--{name.replace('_', '-')}"
 
 
 def flag_of_body(name: str) -> str:
@@ -89,12 +82,8 @@ def run_of_stone(path: Path, given: Given) -> PreparedRun:
     stone = read_stone(path)
     launch = pick(given, *LAUNCH_ARGUMENTS)
     require_units(launch, stone["body"].body.units, flag)
-    try:
+    with messages_placed(path):
         return prepare_stone(stone, options.SPIN_DEFAULTS, launch)
-    except ConfigError as error:
-        raise ConfigError(
-            [placed(each, path, (), None) for each in error.messages]
-        ) from None
 
 
 def prepare_stone(
@@ -120,34 +109,42 @@ def prepare_stone(
 
 
 @contextmanager
-def names_of_options(arguments: Collection[str]) -> Iterator[None]:
-    """Let messages about arguments of a call be about their options."""
+def messages_as(changed: Callable[[str], str]) -> Iterator[None]:
+    """Change the messages of a ConfigError."""
     try:
         yield
     except ConfigError as error:
-        raise ConfigError(
-            [_of_option(message, arguments) for message in error.messages]
-        ) from None
+        raise ConfigError(map(changed, error.messages)) from None
 
 
-def _of_option(message: str, arguments: Collection[str]) -> str:
-    """Return a message about an argument of a call as one about its option."""
-    name, colon, sentence = message.partition(": ")
-    if name not in arguments:
-        return message
-    sentence = sentence.replace(f"leave {name} out", f"leave {flag(name)} out")
-    return f"{flag(name)}{colon}{sentence}"
+def names_of_options(arguments: Collection[str]) -> AbstractContextManager[None]:
+    """Let messages about arguments of a call be about their options."""
+
+    def of_option(message: str) -> str:
+        name, colon, sentence = message.partition(": ")
+        if name not in arguments:
+            return message
+        sentence = sentence.replace(f"leave {name} out", f"leave {flag(name)} out")
+        return f"{flag(name)}{colon}{sentence}"
+
+    return messages_as(of_option)
 
 
-def placed(message: str, stone: Path, data: tuple[Path, ...], error: str | None) -> str:
-    """Return a message with the file or the option that it is about."""
-    # Messages about the data begin with their path.
-    if message.startswith(tuple(map(str, data))):
-        return message
-    option_of = message.partition(":")[0]
-    if option_of == "profile" or (option_of == "error" and error is not None):
-        return f"--{message}"
-    return f"{stone}: {message}"
+def messages_placed(
+    stone: Path, data: Sequence[Path] = (), error: str | None = None
+) -> AbstractContextManager[None]:
+    """Put the file or the option in front of messages that they are about."""
+
+    def placed(message: str) -> str:
+        # Messages about the data begin with their path.
+        if message.startswith(tuple(map(str, data))):
+            return message
+        option_of = message.partition(":")[0]
+        if option_of == "profile" or (option_of == "error" and error is not None):
+            return f"--{message}"
+        return f"{stone}: {message}"
+
+    return messages_as(placed)
 
 
 def stone_or_options(path: Path | None, given: Given) -> dict[str, Any]:
@@ -156,8 +153,7 @@ def stone_or_options(path: Path | None, given: Given) -> dict[str, Any]:
 
     if path is None:
         return {"body": MeasuredBody(body_of(given))}
-    for name in pick(given, *given):
-        raise ConfigError(f"{flag(name)}: STONE has its own body; leave it out")
+    refuse(given, "STONE has its own body; leave it out")
     return read_stone(path)
 
 

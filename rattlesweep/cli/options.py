@@ -1,7 +1,6 @@
 """What commands share: their class, their options, and the types of option values."""
 
 import json
-import math
 import pkgutil
 import re
 import sys
@@ -158,25 +157,23 @@ def tell(*lines: object) -> None:
 
 
 def to_json(data: object) -> str:
-    """Return data as JSON.
+    """Return data as JSON; what is not finite is null.
 
-    What is not finite is null; what JSON does not know, such as a path, is a text.
+    Numbers and arrays of NumPy are those of Python, and what JSON does not know is a
+    text.
     """
-    return json.dumps(_plain(data), indent=2, allow_nan=False, default=str)
+    from pydantic_core import to_jsonable_python
+
+    def known(value: Any) -> object:
+        return value.tolist() if hasattr(value, "tolist") else str(value)
+
+    plain = to_jsonable_python(data, fallback=known, inf_nan_mode="null")
+    return json.dumps(plain, indent=2, allow_nan=False)
 
 
-def _plain(data: object) -> object:
-    """Return data with the numbers of Python, and None for those not finite."""
-    if isinstance(data, dict):
-        return {name: _plain(value) for name, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_plain(value) for value in data]
-    of_numpy = getattr(data, "tolist", None)
-    if of_numpy is not None:
-        return _plain(of_numpy())
-    if isinstance(data, float) and not math.isfinite(data):
-        return None
-    return data
+def print_result(as_json: bool, data: object, text: str) -> None:
+    """Print the result of a command: as text, or its data as JSON."""
+    click.echo(to_json(data) if as_json else text)
 
 
 def probe_files(*files: Path | None) -> None:
@@ -200,6 +197,20 @@ def pick(given: Given, *names: str) -> Given:
     """Remove options from `given`, and return those that have a value."""
     taken = {name: given.pop(name) for name in names if name in given}
     return {name: value for name, value in taken.items() if value is not None}
+
+
+def flag(name: str) -> str:
+    """Return the flag of an argument."""
+    if name == "shape":
+        return "--half-ellipsoid"
+    return f"--{name.replace('_', '-')}"
+
+
+def refuse(given: Given, sentence: str) -> None:
+    """Raise a ConfigError about the first option that has a value."""
+    for name, value in given.items():
+        if value is not None:
+            raise ConfigError(f"{flag(name)}: {sentence}")
 
 
 class Kind(click.ParamType):  # type: ignore[type-arg]

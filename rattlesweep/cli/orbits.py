@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from click import Choice, option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.given import body_of, flag, names_of_options, prepared_run
-from rattlesweep.cli.options import command, pick, probe_files, say, tell
+from rattlesweep.cli.given import body_of, names_of_options, prepared_run
+from rattlesweep.cli.options import command, flag, pick, probe_files, refuse, say, tell
 from rattlesweep.words.defaults import (
     BRANCH_STEPS,
     MOST_SEARCHED,
@@ -111,8 +111,8 @@ def orbit(
     probe_files(output, figure)
     which = pick(given, "case", "sample", "where")
     if search:
-        for name in pick(given, "period", "energy", "symmetric"):
-            raise ConfigError(f"{flag(name)}: --search finds it; leave one of them out")
+        found_by_search = pick(given, "period", "energy", "symmetric")
+        refuse(found_by_search, "--search finds it; leave one of them out")
         table, orbits = _searched(directory, which, section, from_time, most, given)
         tell(*_lines(table))
     elif directory is not None or which or from_time is not None:
@@ -159,8 +159,7 @@ def _searched(
         orbits = orbits_near(run, section, start)
         return table_of_orbits(orbits), orbits
     t_end = given.pop("t_end")
-    for name in pick(given, *given):
-        raise ConfigError(f"{flag(name)}: a stored run has its own; leave it out")
+    refuse(given, "a stored run has its own; leave it out")
     where = which.get("where")
     if "case" in which or "sample" in which:
         keys = [
@@ -181,11 +180,11 @@ def _orbit_of(given: dict[str, Any]) -> Orbit:
     body = body_of(given)
     start = pick(given, *_START)
     require_units(start, body.units, flag)
-    for name in pick(given, *given):
-        raise ConfigError(
-            f"{flag(name)}: an orbit begins at --omega, --u and --period, without "
-            "friction; leave it out, or add --search"
-        )
+    refuse(
+        given,
+        "an orbit begins at --omega, --u and --period, without friction; leave it out, "
+        "or add --search",
+    )
     with names_of_options(_START):
         return find(body, **start)
 

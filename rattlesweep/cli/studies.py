@@ -9,7 +9,7 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.options import COUNT, DONE, command, say, to_json
+from rattlesweep.cli.options import COUNT, DONE, command, print_result, say
 from rattlesweep.system.console import Bar, counted
 
 
@@ -129,9 +129,6 @@ def tradeoff(
         report=Bar.of_command().stage,
     )
     files = study.save_tradeoff(measured, directory)
-    if as_json:
-        click.echo(to_json(study.as_data(measured)))
-    else:
-        click.echo(study.tradeoff_text(measured))
+    print_result(as_json, study.as_data(measured), study.tradeoff_text(measured))
     names = ", ".join(path.name for path in files)
     say(f"{names} in {directory}; {time.monotonic() - start:.1f} s")

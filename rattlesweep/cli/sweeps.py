@@ -5,7 +5,6 @@ from __future__ import annotations
 import secrets
 import shutil
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,17 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.options import COUNT, DONE, Kind, command, say, tell, to_json, warn
+from rattlesweep.cli.options import (
+    COUNT,
+    DONE,
+    Kind,
+    command,
+    print_result,
+    say,
+    tell,
+    to_json,
+    warn,
+)
 from rattlesweep.system.console import Bar, counted
 from rattlesweep.system.shipped import documentation, example_names
 from rattlesweep.words.errors import ConfigError, check_names
@@ -23,7 +32,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.design.plan import Plan
     from rattlesweep.work.forecast import Forecast
-    from rattlesweep.work.run import Executor, Shard, Swept
+    from rattlesweep.work.run import Executor, Swept
 
 SHARD = Kind("i/n", "rattlesweep.work.run:Shard.parse")
 LIMIT = Kind("time", "rattlesweep.work.slurm:limit_of")
@@ -162,9 +171,7 @@ def run(
     compile_only: bool,
     quiet: bool,
     verbose: bool,
-    shard: Shard | None,
-    max_time: float | None,
-    retry_failed: bool,
+    **session: Any,
 ) -> int:
     """Run a sweep, or resume one that was stopped.
 
@@ -197,10 +204,8 @@ def run(
             base=config.resolve().parent,
             executor=workers,
             threads=threads,
-            shard=shard,
-            max_time=max_time,
-            retry_failed=retry_failed,
             report=bar,
+            **session,
         )
     return _say_result(result, quiet, verbose)
 
@@ -224,14 +229,20 @@ def _say_result(result: Swept, quiet: bool, verbose: bool) -> int:
         say(f"note: a file was damaged and is now {path}; its runs were repeated")
     if not quiet:
         _print_summary(result.summary, directory)
-        now = f"{result.done:,} of them done now in {result.seconds:.1f} s"
-        say(f"{counted(result.runs, 'run')} in {directory}, {now}")
+        say(
+            f"{counted(result.runs, 'run')} in {directory}, {result.done:,} of them "
+            f"done now in {result.seconds:.1f} s"
+        )
     if verbose:
-        integration = f"{result.kernel_seconds:.2f} s of integration"
-        say(f"{result.seconds:.2f} s in all, {integration}")
+        say(
+            f"{result.seconds:.2f} s in all, {result.kernel_seconds:.2f} s of "
+            "integration"
+        )
     if result.stopped is not None:
-        resume = "are kept, and the same command resumes from there"
-        say(f"stopped: {result.stopped}; {result.runs:,} runs {resume}")
+        say(
+            f"stopped: {result.stopped}; {result.runs:,} runs are kept, and the same "
+            "command resumes from there"
+        )
         return options.EARLY
     if not quiet and result.missing:
         missing = counted(result.missing, "run")
@@ -257,7 +268,7 @@ def status(directory: Path, complete: bool, as_json: bool) -> int:
     from rattlesweep.store.progress import status as count_rows
 
     counts = count_rows(directory)
-    click.echo(to_json(counts.data) if as_json else counts.words)
+    print_result(as_json, counts.data, counts.words)
     if complete and counts.data["runs"] < counts.data["wanted"]:
         return options.EARLY
     if set(counts.data["status"]) - {"ok"}:
@@ -292,7 +303,7 @@ def verify(
     with Bar.of_command() as bar:
         report = bar.counting("verifying")
         verified = check(directory, recompute, seed, threads, report, complete)
-    click.echo(to_json(asdict(verified)) if as_json else verified.words)
+    print_result(as_json, verified, verified.words)
     if verified.problems:
         return options.EXIT_FAILED
     return DONE

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import click
 from click import option
 
 from rattlesweep.cli import options
@@ -15,8 +14,8 @@ from rattlesweep.cli.options import (
     SOME_FAILED,
     command,
     pick,
+    print_result,
     probe_files,
-    to_json,
     warn,
 )
 from rattlesweep.words.defaults import (
@@ -128,10 +127,7 @@ def verdict(
             advice=advice,
             **losses,
         )
-    if as_json:
-        click.echo(to_json(found.to_dict()))
-    else:
-        click.echo(str(found))
+    print_result(as_json, found.to_dict(), str(found))
     if figure is not None:
         found.plot(figure)
     for remark in found.remarks:

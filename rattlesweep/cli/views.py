@@ -6,11 +6,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.options import DONE, command, probe_files, say, tell, to_json
+from rattlesweep.cli.options import DONE, command, print_result, probe_files, say, tell
 from rattlesweep.system.console import counted
 from rattlesweep.words.defaults import FIGURE_DPI
 
@@ -251,10 +250,8 @@ def compare(
         save_table(result.runs, data)
     if figure is not None:
         compared.save_comparison(result, figure)
-    if as_json:
-        click.echo(to_json(result.data))
-    else:
-        click.echo(compared.comparison_text(result, options.PRINTED_ROWS))
+    text = compared.comparison_text(result, options.PRINTED_ROWS)
+    print_result(as_json, result.data, text)
     if result.disagree(allow):
         say("the directories disagree")
         return options.EXIT_FAILED
@@ -280,7 +277,5 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     indices = estimate.sensitivity(directory)
     if figure is not None:
         estimate.save_sensitivity(indices, figure)
-    if as_json:
-        click.echo(to_json(indices))
-    else:
-        click.echo(estimate.sensitivity_text(indices, options.PRINTED_ROWS))
+    text = estimate.sensitivity_text(indices, options.PRINTED_ROWS)
+    print_result(as_json, indices, text)

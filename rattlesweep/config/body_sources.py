@@ -1,6 +1,7 @@
 """Sources of bodies, as the key `bodies` of a config has them."""
 
 import math
+from collections.abc import Iterable
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import pydantic
@@ -8,17 +9,12 @@ from pydantic import BeforeValidator, Field
 
 from rattlesweep.config.keys import (
     PATH,
-    Alpha,
     Base,
-    Beta,
     Gamma,
-    MinusXiDegrees,
     Phi,
     Positive,
     ShellShare,
     Theta,
-    Xi,
-    XiDegrees,
     _within,
     key,
     parameter,
@@ -41,6 +37,7 @@ from rattlesweep.physics.si import LIMITS
 from rattlesweep.words.defaults import MESH_UNIT
 from rattlesweep.words.names import REFINABLE, PresetName
 from rattlesweep.words.quantities import (
+    ANGLES,
     CONSTANT_OF_SURFACE,
     SURFACE_CONSTANTS,
 )
@@ -52,6 +49,7 @@ PRESET_MEANING = (
 SIZED_PRESETS = ("KL",)
 # Presets that are no paraboloids, with the constant of their surface.
 PRESET_CONSTANTS = {"KL": "c"}
+_OF_BODY = ("alpha", "beta", "gamma", "theta", "phi", "xi", "xi_deg")
 Draw = Literal["random", "sobol", "saltelli"]
 
 
@@ -63,13 +61,13 @@ _IMPLIED_SURFACES = [
 SURFACE_MEANING = "; ".join(["Shape of the bottom", *_IMPLIED_SURFACES])
 
 
-def with_constants(base: type[Base], form: Any) -> Any:
-    """Return `base` with one more key for each surface that has a further constant.
+def with_quantities(base: type[Base], form: Any, names: Iterable[str]) -> Any:
+    """Return `base` with a key for each of some quantities, as the registry has them.
 
     A number may stand there, or what `form`, such as ``Range``, makes of its type.
     """
     keys: dict[str, Any] = {}
-    for name in SURFACE_CONSTANTS:
+    for name in names:
         number = Annotated[float, _within(name)]
         keys[name] = (form[number] | None, parameter(name))
     return pydantic.create_model(base.__name__, __base__=base, **keys)
@@ -153,7 +151,7 @@ class Target(Base):
         return self.K_r or self.K_p or []
 
 
-class SdSource(with_constants(Surfaced, Range)):  # type: ignore[misc]
+class SdSource(with_quantities(Surfaced, Range, SURFACE_CONSTANTS)):  # type: ignore[misc]
     """Shell-dumbbell bodies, drawn at random from ranges."""
 
     source: Literal["sd"] = key(..., "Shell-dumbbell bodies drawn at random.")
@@ -183,27 +181,21 @@ class SdSource(with_constants(Surfaced, Range)):  # type: ignore[misc]
         return 2 + len(self.drawn)
 
 
-class Overrides(Base):
+class Overrides(with_quantities(Base, One, _OF_BODY)):  # type: ignore[misc]
     """Parameters that replace those of a preset."""
-
-    alpha: Alpha | None = parameter("alpha")
-    beta: Beta | None = parameter("beta")
-    gamma: Gamma | None = parameter("gamma")
-    theta: Theta | None = parameter("theta")
-    phi: Phi | None = parameter("phi")
-    xi: Xi | None = parameter("xi")
-    xi_deg: XiDegrees | None = parameter("xi_deg")
 
     @property
     def parameters(self) -> dict[str, float]:
         """The parameters that are given, with xi in radians."""
-        values = self.model_dump(exclude_none=True, exclude={"preset", "xi_deg"})
+        values: dict[str, float] = self.model_dump(
+            exclude_none=True, exclude={"preset", "xi_deg"}
+        )
         if self.xi_deg is not None:
             values["xi"] = math.radians(self.xi_deg)
         return values
 
 
-class PresetSource(with_constants(Surfaced, One)):  # type: ignore[misc]
+class PresetSource(with_quantities(Surfaced, One, SURFACE_CONSTANTS)):  # type: ignore[misc]
     """One body of the literature, perhaps with other values of some parameters."""
 
     texts = ("name",)
@@ -224,7 +216,7 @@ class PresetSource(with_constants(Surfaced, One)):  # type: ignore[misc]
         return constants | of_preset(self.name)
 
 
-class TableSource(with_constants(Surfaced, One)):  # type: ignore[misc]
+class TableSource(with_quantities(Surfaced, One, SURFACE_CONSTANTS)):  # type: ignore[misc]
     """Bodies from the rows of a table, in its order."""
 
     texts = ("path",)
@@ -237,8 +229,7 @@ class TableSource(with_constants(Surfaced, One)):  # type: ignore[misc]
     @classmethod
     def in_memory(cls, surface: str | None) -> Self:
         """Return the source of a table without a path, whose rows are at hand."""
-        rows: Self = cls.model_construct(source="table", path="", surface=surface)
-        return rows
+        return cls.model_construct(source="table", path="", surface=surface)
 
 
 class GridBase(Overrides):
@@ -250,21 +241,13 @@ class GridBase(Overrides):
     f_sd: ShellShare | None = parameter("f_sd")
 
 
-class ParameterAxes(Base):
-    """Parameters that vary, without the constants of surfaces."""
-
-    alpha: Several[Alpha] | None = parameter("alpha")
-    beta: Several[Beta] | None = parameter("beta")
-    gamma: Several[Gamma] | None = parameter("gamma")
-    f_sd: Several[ShellShare] | None = parameter("f_sd")
-    theta: Several[Theta] | None = parameter("theta")
-    phi: Several[Phi] | None = parameter("phi")
-    xi: Several[Xi] | None = parameter("xi")
-    xi_deg: Several[XiDegrees] | None = parameter("xi_deg")
-    minus_xi_deg: Several[MinusXiDegrees] | None = parameter("minus_xi_deg")
+_VARIED = (
+    *("alpha", "beta", "gamma", "f_sd", "theta", "phi"),
+    *("xi", *ANGLES, *SURFACE_CONSTANTS),
+)
 
 
-class Axes(with_constants(ParameterAxes, Several)):  # type: ignore[misc]
+class Axes(with_quantities(Base, Several, _VARIED)):  # type: ignore[misc]
     """Parameters that vary. Every combination is a body; the first axis varies
     slowest.
     """
@@ -289,7 +272,7 @@ class Refine(Base):
     )
 
 
-class GridSource(with_constants(Surfaced, Several)):  # type: ignore[misc]
+class GridSource(with_quantities(Surfaced, Several, SURFACE_CONSTANTS)):  # type: ignore[misc]
     """All combinations of the values of some parameters, with the others fixed."""
 
     source: Literal["grid"] = key(..., "A grid of parameters.")
@@ -369,16 +352,9 @@ class ShapeSource(Base):
     @property
     def sizes(self) -> dict[str, list[float]]:
         """The range of each key in SI units."""
-        ranges = {
-            "length": self.length,
-            "width": self.width,
-            "height": self.height,
-            "mass": self.mass,
-            "skew": self.skew,
-        }
-        if self.weights is not None:
-            ranges["weights"] = self.weights
-        return ranges
+        names = ("length", "width", "height", "mass", "skew", "weights")
+        ranges = {name: getattr(self, name) for name in names}
+        return {name: ends for name, ends in ranges.items() if ends is not None}
 
     @property
     def fixed(self) -> dict[str, float]:

@@ -92,12 +92,7 @@ def _with_numbers(value: object) -> object:
 
 Positive = Annotated[float, Field(gt=0)]
 Time = Annotated[float, Field(gt=0, le=MAX_TIME)]
-Alpha = Annotated[float, _within("alpha")]
-Beta = Annotated[float, _within("beta")]
 Gamma = Annotated[float, _within("gamma")]
 Theta = Annotated[float, _within("theta")]
 Phi = Annotated[float, _within("phi")]
-Xi = Annotated[float, _within("xi")]
-XiDegrees = Annotated[float, _within("xi_deg")]
-MinusXiDegrees = Annotated[float, _within("minus_xi_deg")]
 ShellShare = Annotated[float, _within("f_sd")]

@@ -223,8 +223,7 @@ def differences(
         if isinstance(left, dict) and isinstance(right, dict):
             lines += differences(left, right, within=f"{within}{key}.")
         elif left != right:
-            values = f"{_shown(left)} against {_shown(right)}"
-            lines.append(f"{within}{key}: {values}")
+            lines.append(f"{within}{key}: {_shown(left)} against {_shown(right)}")
     return lines
 
 
@@ -255,8 +254,10 @@ def read_yaml(text: str) -> tuple[object, dict[Key, int], list[_Problem]]:
         mark = mark or getattr(error, "context_mark", None)
         line = 1 if mark is None else mark.line + 1
         problem = str(getattr(error, "problem", None) or error or type(error).__name__)
-        advice = "check brackets, quotes and indents"
-        message = f"cannot be read as YAML ({one_line(problem, 200)}); {advice}"
+        message = (
+            f"cannot be read as YAML ({one_line(problem, 200)}); check brackets, "
+            "quotes and indents"
+        )
         return None, {}, [(line, (), message)]
 
 
@@ -314,8 +315,9 @@ class _Reader:
                 if isinstance(merged, dict):
                     data = merged | data
             elif word in data:
-                first = f"first in line {self.lines[child]}"
-                message = f"the key is repeated ({first}); keep one"
+                message = (
+                    f"the key is repeated (first in line {self.lines[child]}); keep one"
+                )
                 self.problems.append((line, child, message))
             else:
                 self.lines[child] = line

@@ -73,9 +73,9 @@ Oscillation = Annotated[
     quantity_or(Annotated[float, _within("omega_xy0")], "spin", "in sqrt(g/a)"),
 ]
 DIRECTIONS = ("relevant", "pitch", "roll")
-Direction = Annotated[
-    float | str, one_of(Annotated[float, Field(ge=-360, le=360)], DIRECTIONS)
-]
+_Degrees = Annotated[float, Field(ge=-360, le=360)]
+Direction = Annotated[float | str, one_of(_Degrees, DIRECTIONS)]
+DriveAngle = Annotated[float | str, number_or(_Degrees, FROM_TABLE)]
 
 
 class Spin(Base):
@@ -140,18 +140,25 @@ class Horizon(Base):
         return end
 
 
+def constant_of(name: str, *words: str) -> object:
+    """Return the type of a value of a constant of the registry, or of a word."""
+    quantity = QUANTITIES[name]
+    number = Annotated[float, _within(name)]
+    words = (FROM_TABLE, *words)
+    if quantity.kind:
+        item = quantity_or(number, quantity.kind, f"in {quantity.unit}", *words)
+    else:
+        item = number_or(number, *words)
+    return Annotated[float | str, item]
+
+
 def loss_key(loss: ActionConstant) -> Any:
     """Return the type and the field of the key of a constant of dissipation."""
-    number = Annotated[float, _within(loss.name)]
+    words = [OF_SLIDES] if loss.name == "creep" else []
+    values: Any = Several[constant_of(loss.name, *words)]  # type: ignore[misc]
+    meaning = f"{loss.key}."
     if loss.kind:
-        unit = f"in {loss.unit}"
-        item = quantity_or(number, loss.kind, unit, FROM_TABLE)
-        meaning = f"{loss.key}, {unit} or with a unit."
-    else:
-        words = (FROM_TABLE, OF_SLIDES) if loss.name == "creep" else (FROM_TABLE,)
-        item = number_or(number, *words)
-        meaning = f"{loss.key}."
-    values = Several[Annotated[float | str, item]]
+        meaning = f"{loss.key}, in {loss.unit} or with a unit."
     if loss.default is None:
         return values | None, key(None, meaning)
     return values, key([loss.default], meaning)
@@ -227,17 +234,6 @@ class Dissipation(LossKeys):  # type: ignore[misc]
         return bool(self.present)
 
 
-def _drive(name: str) -> object:
-    """Return the type of the values of a constant of a plane that shakes."""
-    quantity = QUANTITIES[name]
-    number = Annotated[float, _within(name)]
-    if quantity.kind:
-        item = quantity_or(number, quantity.kind, f"in {quantity.unit}", FROM_TABLE)
-    else:
-        item = number_or(number, FROM_TABLE)
-    return Annotated[float | str, item]
-
-
 def _in_radians(degrees: list[float | str]) -> list[float | str]:
     return [x if isinstance(x, str) else math.radians(x) for x in degrees]
 
@@ -247,34 +243,23 @@ class Shaking(Base):
     column.
     """
 
-    frequency: Several[_drive("base_frequency")] = key(  # type: ignore[valid-type]
+    frequency: Several[constant_of("base_frequency")] = key(  # type: ignore[valid-type]
         ...,
         "Angular frequency in sqrt(g/a) or rad/s, or cycles a second, such as 25 Hz.",
     )
-    acceleration: Several[_drive("base_acceleration")] | None = key(  # type: ignore[valid-type]
+    acceleration: Several[constant_of("base_acceleration")] | None = key(  # type: ignore[valid-type]
         None, "Amplitude of the plane's acceleration in g."
     )
-    amplitude: Several[_drive("base_amplitude")] | None = key(  # type: ignore[valid-type]
+    amplitude: Several[constant_of("base_amplitude")] | None = key(  # type: ignore[valid-type]
         None, "Amplitude of the plane's path, in a or with a unit, in its place."
     )
-    phase_deg: Several[
-        Annotated[
-            float | str,
-            number_or(Annotated[float, Field(ge=-360, le=360)], FROM_TABLE),
-        ]
-    ] = key([0.0], "Phase at launch, in degrees; 0: the acceleration is largest.")
+    phase_deg: Several[DriveAngle] = key(
+        [0.0], "Phase at launch, in degrees; 0: the acceleration is largest."
+    )
     direction: Annotated[str, OneOf(BASE_DIRECTIONS)] = key(
         "vertical", "Direction in which it shakes."
     )
-    azimuth_deg: (
-        Several[
-            Annotated[
-                float | str,
-                number_or(Annotated[float, Field(ge=-360, le=360)], FROM_TABLE),
-            ]
-        ]
-        | None
-    ) = key(
+    azimuth_deg: Several[DriveAngle] | None = key(
         None,
         "Of a horizontal one, 0 if it is left out: the angle from the body's x axis "
         "at launch, counterclockwise from above.",

@@ -119,8 +119,10 @@ def quantity_or(
         if natural is not None:
             return natural
         if split(text)[0] is None:
-            numbers = f"give a number {unit}, or one with a unit, such as {example}"
-            raise ValueError(f"is not a number; {numbers}")
+            raise ValueError(
+                f"is not a number; give a number {unit}, or one with a unit, such as "
+                f"{example}"
+            )
         size = Quantity(text, kind)
         problem = None
         if is_limited:

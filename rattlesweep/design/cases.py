@@ -102,8 +102,7 @@ class Case:
         """Return the value of a column of `VARIES` in units of the bodies, or None."""
         if name not in INITIAL_RATES:
             return dict(self.losses).get(name)
-        value: float | None = getattr(self, name)
-        return value
+        return getattr(self, name)
 
     def dump(self) -> dict[str, str | float]:
         """Return the case as JSON data, without what is None."""

@@ -54,8 +54,10 @@ def is_full_state(omega: object, u: object, spin: Mapping[str, object]) -> bool:
         return False
     given = [name for name, value in spin.items() if value is not None]
     if given:
-        advice = "keep omega and u, or n_i, omega_xy0 and psi"
-        raise ConfigError(f"{' and '.join(given)} given with a full state; {advice}")
+        raise ConfigError(
+            f"{' and '.join(given)} given with a full state; keep omega and u, or n_i, "
+            "omega_xy0 and psi"
+        )
     if omega is None:
         raise ConfigError("omega: missing; a full state has omega and u")
     return True

@@ -104,9 +104,10 @@ def make_plan(
         extra = STATE_FIELDS + extra
     plan = Plan(config, tuple(cases), source.samples, extra, source)
     if plan.runs > MAX_RUNS:
-        size = f"{len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs"
-        limit = f"at most {MAX_RUNS:.0e} are possible in one sweep"
-        raise ConfigError(f"bodies: {size}; {limit}")
+        raise ConfigError(
+            f"bodies: {len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} "
+            f"runs; at most {MAX_RUNS:.0e} are possible in one sweep"
+        )
     return plan
 
 
@@ -126,8 +127,10 @@ def _launches(
         return [launch], np.array([spin])
     if config.spin is not None:
         return _combinations(INITIAL_RATES, values), np.array(config.spin.n_i)
-    lacks = "the table has no columns n_i and omega_xy0"
-    raise ConfigError(f"spin: missing; {lacks}, so the config must give them")
+    raise ConfigError(
+        "spin: missing; the table has no columns n_i and omega_xy0, so the config "
+        "must give them"
+    )
 
 
 def _own_ends(table: Mapping[str, Floats]) -> Floats:
@@ -154,11 +157,14 @@ def _with_losses(config: Config, columns: Mapping[str, list[float | str]]) -> Co
     for name in ACTING:
         values = config.settings.get(name, [])
         if from_table in values and name not in columns:
-            lacks = f"the table has no column {name}; give a number"
-            raise ConfigError(f"{SETTING_KEYS[name]}: {lacks}")
+            raise ConfigError(
+                f"{SETTING_KEYS[name]}: the table has no column {name}; give a number"
+            )
         if len(values) > 1 and name in columns:
-            both = f"there are several values, and the table has a column {name}"
-            raise ConfigError(f"{SETTING_KEYS[name]}: {both}; keep one of them")
+            raise ConfigError(
+                f"{SETTING_KEYS[name]}: there are several values, and the table has a "
+                f"column {name}; keep one of them"
+            )
     shakes = columns.get("base_acceleration", [0.0]) != [0.0]
     if shakes and config.base is None and "base_frequency" not in columns:
         raise ConfigError(
@@ -198,12 +204,11 @@ def _natural(config: Config, source: Source) -> _Values:
         if any(value.si is not None and value.natural is None for value in converted):
             # The value of the body differs from body to body, so all stay in SI units.
             if any(value.si is None for value in values):
-                differ = (
-                    "the sizes of the bodies differ, and some values are in units of "
-                    "the bodies"
+                raise ConfigError(
+                    f"{SETTING_KEYS[name]}: the sizes of the bodies differ, and some "
+                    "values are in units of the bodies; give all of them in SI units, "
+                    "or none"
                 )
-                advice = "give all of them in SI units, or none"
-                raise ConfigError(f"{SETTING_KEYS[name]}: {differ}; {advice}")
             converted = values
         natural[name] = converted
     return natural
@@ -218,16 +223,16 @@ def _convert(name: str, value: Setting, units: Units | None) -> Setting:
     if units is not None:
         natural = np.atleast_1d(units.natural(value.si, value.si.kind))
     if np.isnan(natural).any():
-        advice = "give columns height_m and mass_kg"
         raise ConfigError(
-            f"{key} needs the size of the bodies; {advice}, or a number in the "
-            "bodies' own units"
+            f"{key} needs the size of the bodies; give columns height_m and mass_kg, "
+            "or a number in the bodies' own units"
         )
     broken = check_value(name, natural)
     if broken is not None:
         place, problem = broken
-        size = f"is {natural[place]:g} in units of the body"
-        raise ConfigError(f"{key} {size}; {problem}")
+        raise ConfigError(
+            f"{key} is {natural[place]:g} in units of the body; {problem}"
+        )
     sizes_differ = natural.min() < natural.max()
     if sizes_differ:
         return value
@@ -241,16 +246,19 @@ def _check_launches(
     model = config.model
     horizon = config.horizon
     if model != "full" and is_state:
-        advice = "full states are for the model full"
-        raise ConfigError(f"model: {model} begins with a spin; {advice}")
+        raise ConfigError(
+            f"model: {model} begins with a spin; full states are for the model full"
+        )
     if model == "gh" and (n_i == 0).any():
-        advice = "use full or reduced"
-        raise ConfigError(f"model: gh begins with a spin, and n_i is 0; {advice}")
+        raise ConfigError(
+            "model: gh begins with a spin, and n_i is 0; use full or reduced"
+        )
     endless = (n_i == 0) & ~np.isfinite(own_end)
     if horizon.t is None and horizon.t_decay is None and endless.any():
         which = ""
         if len(n_i) > 1:
             which = f" ({np.argmax(endless) + 1} of {len(n_i)})"
-        lacks = f"a launch without spin{which} has no t_rGH"
-        advice = "give horizon: {t: TIME} in sqrt(a/g)"
-        raise ConfigError(f"horizon.t: missing; {lacks}, so {advice}")
+        raise ConfigError(
+            f"horizon.t: missing; a launch without spin{which} has no t_rGH, so give "
+            "horizon: {t: TIME} in sqrt(a/g)"
+        )

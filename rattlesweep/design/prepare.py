@@ -119,7 +119,7 @@ def _oscillation_speed(bodies: Bodies, omega: Floats, u: Floats, n_i: Floats) ->
     # The formula in Python takes arrays; compiled, it takes numbers.
     energy = full.oscillation.py_func
     twice = energy((p, q, omega_x, omega_y), constants)
-    return np.asarray(np.sqrt(twice / constants[2]))
+    return np.sqrt(twice / constants[2])
 
 
 def _spin_of_energy(
@@ -136,7 +136,7 @@ def _spin_of_energy(
     energy = of_surface.energy.py_func  # type: ignore[attr-defined]
     rows = zip(state.T, np.stack([*constants, k], axis=1), strict=True)
     energies = np.array([energy(tuple(y), tuple(q)) for y, q in rows])
-    return np.asarray(np.sqrt(2 * energies / bodies.gamma))
+    return np.sqrt(2 * energies / bodies.gamma)
 
 
 def _horizon(

@@ -103,13 +103,15 @@ def _check_folder(folder: Path, where: str) -> None:
             path = Path(place, name)
             with open_regular(path) as file:
                 if file.read(len(MAGIC)) != MAGIC:
-                    what = (
-                        f"is a folder with {one_line(str(path), 200)}, no Parquet file"
+                    raise ConfigError(
+                        f"{where}: is a folder with {one_line(str(path), 200)}, no "
+                        "Parquet file; give one of Parquet files"
                     )
-                    raise ConfigError(f"{where}: {what}; give one of Parquet files")
         if count > MOST_FILES:
-            what = f"is a folder of more than {MOST_FILES:,} files"
-            raise ConfigError(f"{where}: {what}; put them into one")
+            raise ConfigError(
+                f"{where}: is a folder of more than {MOST_FILES:,} files; put them "
+                "into one"
+            )
 
 
 def announce(file: Path) -> None:

@@ -243,16 +243,17 @@ def draw_reversals(tables: Tables) -> Figure:
             axis.set_title(f"({letter}-{k})", loc="left")
         # This place is free, because the spin has the other sign after a reversal.
         direction = "u" if n_i > 0 else "s"
-        symbol = f"t_{{r{direction}}}"
         spin.text(
             t_r + 0.02 * t.iloc[-1],
             0.85 * n_i,
-            f"${symbol} = {t_r:.1f}$",
+            f"$t_{{r{direction}}} = {t_r:.1f}$",
             color="#A33B00",
             va="center",
         )
-        launch = f"{value_text('n_i', n_i)}, {value_text('omega_xy0', OMEGA_XY0)}"
-        spin.set(title=f"GH, {launch}", xlim=(0, t.iloc[-1]))
+        spin.set(
+            title=f"GH, {value_text('n_i', n_i)}, {value_text('omega_xy0', OMEGA_XY0)}",
+            xlim=(0, t.iloc[-1]),
+        )
         column[-1].set_xlabel(spin.get_xlabel())
         spin.set_xlabel("")
     add_legend(figure, axes[0, 0].get_legend_handles_labels()[0])

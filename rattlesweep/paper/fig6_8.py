@@ -143,8 +143,7 @@ def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
 
 def _error_of_std(std: pd.Series, count: pd.Series) -> pd.Series:
     """Return half of the 95 % interval of standard deviations of normal samples."""
-    error: pd.Series = Z95 * std / np.sqrt(2 * (count - 1).clip(lower=1))
-    return error
+    return Z95 * std / np.sqrt(2 * (count - 1).clip(lower=1))
 
 
 def in_windows(runs: pd.DataFrame) -> pd.DataFrame:

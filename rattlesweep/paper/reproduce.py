@@ -168,8 +168,10 @@ def verdict_table(claims: Sequence[dict[str, Any]]) -> str:
     """Return the claims and the measurements as text for a terminal."""
     lines = []
     for claim in claims:
-        held = f"{claim['held']} of {claim['checks']}"
-        verdict = f"{claim['verdict']} ({held}): {claim['words']}"
+        verdict = (
+            f"{claim['verdict']} ({claim['held']} of {claim['checks']}): "
+            f"{claim['words']}"
+        )
         measured = f"found: {claim['measured']}"
         for key, text in ((claim["id"], verdict), ("", measured)):
             lines.append(f"{key:<4} {shorten(text, 105, placeholder=' ...')}")

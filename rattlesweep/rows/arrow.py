@@ -1,17 +1,13 @@
 """Columns as Arrow has them: types, fields with units, tables from values."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers
-
-if TYPE_CHECKING:
-    # For mypy alone: columns are declared here, and computed where runs are.
-    pass
 
 # A column of words: the number of the word of each run (-1: null), and the words.
 Words: TypeAlias = "tuple[NDArray[Any], Sequence[str]]"
@@ -86,4 +82,4 @@ def _to_arrow(values: Values, kind: pa.DataType) -> pa.Array:
 
 def floats(column: pa.Array) -> Floats:
     """Return a column of numbers; null is NaN."""
-    return np.asarray(column.to_numpy(zero_copy_only=False).astype(float))
+    return column.to_numpy(zero_copy_only=False).astype(float)

@@ -130,7 +130,7 @@ class Results:
     @cached_property
     def is_ok(self) -> Flags:
         """Whether the integration of a run succeeded."""
-        return np.asarray(self.outcome.status == Status.OK)
+        return self.outcome.status == Status.OK
 
     @property
     def status(self) -> Words:
@@ -233,7 +233,7 @@ class Results:
         """Work that a component of the state counts, over the initial energy."""
         work = self.integrated.y_end[:, self._model.column(component)]
         # Zero and not -0 for a run without it.
-        return np.asarray(0.0 - work / self.integrated.energy_0)
+        return 0.0 - work / self.integrated.energy_0
 
     @property
     def creep_work(self) -> Floats:
@@ -348,17 +348,17 @@ class Results:
     def _second(self) -> Floats:
         """The unit of time in seconds."""
         assert self.bodies.units is not None
-        return np.asarray(self.bodies.units.time)
+        return self.bodies.units.time
 
     @property
     def n_i_rpm(self) -> Floats:
         """Initial spin in turns a minute."""
-        return np.asarray(self.launches.n_i / self._second * 30 / np.pi)
+        return self.launches.n_i / self._second * 30 / np.pi
 
     @property
     def t_r_s(self) -> Floats:
         """Reversal time in seconds."""
-        return np.asarray(self.outcome.t_r * self._second)
+        return self.outcome.t_r * self._second
 
     # ------------------------------------------------------------ `record` keys
 
@@ -447,12 +447,12 @@ class Results:
     @property
     def casimir_min(self) -> Floats:
         """Least Casimir invariant; in mirrored bodies it has the other sign."""
-        return np.asarray(self._casimir[:, RANGE].min(axis=1))
+        return self._casimir[:, RANGE].min(axis=1)
 
     @property
     def casimir_max(self) -> Floats:
         """Largest Casimir invariant."""
-        return np.asarray(self._casimir[:, RANGE].max(axis=1))
+        return self._casimir[:, RANGE].max(axis=1)
 
     @property
     def casimir_jumps(self) -> pa.Array:

@@ -62,7 +62,7 @@ def is_held_at_end(t_held: Floats, n_end: Floats) -> Flags:
 
     The spin is then stored as exactly zero.
     """
-    return np.asarray(np.isfinite(t_held) & (n_end == 0.0))
+    return np.isfinite(t_held) & (n_end == 0.0)
 
 
 def living(energy_left: Floats, base_acceleration: Floats | None) -> Floats:
@@ -89,8 +89,7 @@ def slowed_by_friction(
         falling = np.where(by_sigma > 0, -np.expm1(-by_sigma) / by_sigma, 1.0)
         slowed = np.minimum((by_sigma + by_pivot) * falling, 1.0)
     # A tap has no spin to lose.
-    known: Floats = np.nan_to_num(slowed)
-    return known
+    return np.nan_to_num(slowed)
 
 
 def sure_types(
@@ -186,4 +185,4 @@ def _with_column(rows: pa.Table, name: str, values: pa.Array) -> pa.Table:
 def codes(column: pa.Array, words: Sequence[str] = TYPES) -> Integers:
     """Return the index in `words` of each entry, -1 for other words and null."""
     indices = pc.fill_null(pc.index_in(column, pa.array(words)), -1)
-    return np.asarray(indices.to_numpy(zero_copy_only=False).astype(np.int64))
+    return indices.to_numpy(zero_copy_only=False).astype(np.int64)

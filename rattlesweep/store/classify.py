@@ -53,14 +53,16 @@ def _thresholds(stored: Stored, overrides: Sequence[str]) -> Classify:
     before = stored.config
     config = parse_config(resolved(before), list(overrides))
     if config.model_copy(update={"classify": before.classify}) != before:
-        what = "only keys of classify can change here; others need a new sweep"
-        raise ConfigError(f"--set: {what}")
+        raise ConfigError(
+            "--set: only keys of classify can change here; others need a new sweep"
+        )
     decisive = ["early"]
     if config.dissipation:
         # Then t_r is stored only of zeros before the energy falls below this.
         decisive.append("dead_energy")
     for key in decisive:
         if getattr(config.classify, key) != getattr(before.classify, key):
-            what = "decides more than types; it needs a new sweep"
-            raise ConfigError(f"--set classify.{key}: {what}")
+            raise ConfigError(
+                f"--set classify.{key}: decides more than types; it needs a new sweep"
+            )
     return config.classify

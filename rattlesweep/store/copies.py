@@ -62,9 +62,9 @@ class Copies:
             is_copy[keys_of(copies)] = True
             twins = in_order(read_parquet(twin))
             if not same_bits(copies, twins.filter(is_copy[keys_of(twins)])):
-                what = f"and {twin} hold other values of the same runs"
                 raise OutputError(
-                    f"{path} {what}; move one away, or use another output"
+                    f"{path} and {twin} hold other values of the same runs; move one "
+                    "away, or use another output"
                 )
 
     def add_rest(self, path: Path) -> None:

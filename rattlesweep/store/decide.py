@@ -135,7 +135,7 @@ class Refining:
 
     def grid(self, values: Array) -> Array:
         """Return values by (case, sample) as an array along the axes."""
-        return np.asarray(values[self._order].reshape(self.shape))
+        return values[self._order].reshape(self.shape)
 
     def runs(self, grid: Array) -> Array:
         """Return values along the axes by (case, sample)."""
@@ -280,4 +280,4 @@ def ticks_of(length: int, stride: int) -> Integers:
 def _over(function: np.ufunc, values: Array, at: Integers, axis: int) -> Array:
     """Reduce the values of each cell along an axis, both ends included."""
     inner = function.reduceat(values, at[:-1], axis=axis)
-    return np.asarray(function(inner, np.take(values, at[1:], axis=axis)))
+    return function(inner, np.take(values, at[1:], axis=axis))

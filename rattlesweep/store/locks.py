@@ -125,9 +125,12 @@ class _Word:
             return
         self._said = True
         user = _user(self._directory, self._name)
-        what = f"{self._directory} is held by {user}, which is silent"
-        then = f"it is taken for dead after {lockfile.SILENCE:g} s without a sign"
-        print(f"waiting: {what}; {then}", file=sys.stderr, flush=True)
+        print(
+            f"waiting: {self._directory} is held by {user}, which is silent; it is "
+            f"taken for dead after {lockfile.SILENCE:g} s without a sign",
+            file=sys.stderr,
+            flush=True,
+        )
 
 
 def _shards(lock: str) -> str:
@@ -168,8 +171,9 @@ def locked(directory: Path, name: str) -> Iterator[None]:
         user = "another process" if now is None else printable(str(now))
         held = f"{directory / LOCKS / name} is held by {user}"
         if seconds - since > GIVE_UP_AFTER:
-            advice = "it may be stopped or hang; end it, and run this again"
-            raise OutputError(f"{held}; {advice}")
+            raise OutputError(
+                f"{held}; it may be stopped or hang; end it, and run this again"
+            )
         if seconds - since > WORD_AFTER and not said:
             said = True
             print(f"waiting: {held}", file=sys.stderr, flush=True)

@@ -53,8 +53,9 @@ def begin_sweep(
                 directory, filter(shard.__ne__, names_of_locks(directory))
             )
         if busy is not None:
-            what = "is at work; the sweep can grow when it has ended"
-            raise OutputError(f"{directory}: {busy} {what}")
+            raise OutputError(
+                f"{directory}: {busy} is at work; the sweep can grow when it has ended"
+            )
         grown.manifest["started"] = stored.manifest["started"]
     grown.drop_summary()
     grown.write_manifest()
@@ -130,8 +131,9 @@ def check_same(stored: Stored, wanted: Stored) -> None:
     if stored.hash != wanted.hash:
         differing = differences(fixed_part(stored.config), fixed_part(wanted.config))
         what = "; ".join(differing[:3]) or "the table of bodies has changed"
-        where = f"{stored.directory}: holds another sweep ({what})"
-        raise ConfigError(f"{where}; give another output")
+        raise ConfigError(
+            f"{stored.directory}: holds another sweep ({what}); give another output"
+        )
     if stored.schema.names != wanted.schema.names:
         raise ConfigError(
             f"{stored.directory}: another version of rattlesweep wrote its runs, with "
@@ -150,7 +152,7 @@ def check_empty(directory: Path) -> None:
     # Bodies of a DataFrame are written there before the sweep begins.
     foreign = [name for name in names if not name.startswith((".", "bodies-"))]
     if foreign:
-        advice = "give an empty or new directory"
         raise ConfigError(
-            f"{directory}: holds other files, such as {foreign[0]}; {advice}"
+            f"{directory}: holds other files, such as {foreign[0]}; give an empty or "
+            "new directory"
         )

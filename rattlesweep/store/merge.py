@@ -68,12 +68,15 @@ def merge(directories: Sequence[Path], output: Path, link: bool = False) -> Merg
         copies = Copies(merged)
         on_disk = merged.find([*copies.files, *new], copies.see, copies.note)
         if on_disk.damaged:
-            advice = "do its runs again before merging"
-            raise OutputError(f"{on_disk.damaged[0]} is damaged; {advice}")
+            raise OutputError(
+                f"{on_disk.damaged[0]} is damaged; do its runs again before merging"
+            )
         if len(on_disk.typed) > 1:
             differing = " and ".join(str(paths[0]) for paths in on_disk.typed.values())
-            problem = "have types of different thresholds"
-            raise ConfigError(f"{differing} {problem}; run `rattlesweep classify`")
+            raise ConfigError(
+                f"{differing} have types of different thresholds; run `rattlesweep "
+                "classify`"
+            )
         for path in copies.partial:
             copies.check(path)
         # What is refused leaves nothing behind, so a new directory is made only now.
@@ -98,8 +101,9 @@ def _sources(directories: Sequence[Path], output: Path) -> list[Stored]:
     """Return the sweeps to merge, with that of `output` if it has one."""
     distinct = {directory.resolve() for directory in (output, *directories)}
     if len(distinct) <= len(directories):
-        advice = "give each once, and another as --output"
-        raise ConfigError(f"a directory is given twice; {advice}")
+        raise ConfigError(
+            "a directory is given twice; give each once, and another as --output"
+        )
     sources = [open_stored(directory) for directory in directories]
     if (output / MANIFEST).exists():
         sources.append(open_stored(output))
@@ -128,16 +132,22 @@ def _check_part(stored: Stored, largest: Stored) -> None:
     how = None
     for case, other in zip(stored.cases, largest.cases, strict=False):
         if case != other:
-            differ = f"case {case.index} is {case} there and {other} here"
-            how = f"numbers its cases differently than {largest.directory} ({differ})"
+            how = (
+                f"numbers its cases differently than {largest.directory} (case "
+                f"{case.index} is {case} there and {other} here)"
+            )
             break
     if how is None and stored.samples > largest.samples:
-        counts = f"{stored.samples} samples of {counted(len(stored.cases), 'case')}"
-        others = f"{largest.samples} of {counted(len(largest.cases), 'case')}"
-        how = f"has {counts}, and {largest.directory} {others}"
+        how = (
+            f"has {stored.samples} samples of {counted(len(stored.cases), 'case')}, "
+            f"and {largest.directory} {largest.samples} of "
+            f"{counted(len(largest.cases), 'case')}"
+        )
     if how is not None:
-        advice = "these are two sweeps; merge directories that were run by one config"
-        raise OutputError(f"{stored.directory} {how}: {advice}")
+        raise OutputError(
+            f"{stored.directory} {how}: these are two sweeps; merge directories that "
+            "were run by one config"
+        )
 
 
 def _add(path: Path, merged: Stored, link: bool) -> None:

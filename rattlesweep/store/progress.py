@@ -27,9 +27,11 @@ class SweepStatus:
         """The same as text."""
         data = self.data
         percent = 100 * data["runs"] / max(1, data["wanted"])
-        runs = f"{data['runs']:,} of {data['wanted']:,} runs ({percent:.1f} %)"
-        size = f"{data['bytes'] / 1e6:.1f} MB"
-        lines = [f"{self.title}: {runs}, {counted(data['files'], 'file')}, {size}"]
+        lines = [
+            f"{self.title}: {data['runs']:,} of {data['wanted']:,} runs "
+            f"({percent:.1f} %), {counted(data['files'], 'file')}, "
+            f"{data['bytes'] / 1e6:.1f} MB"
+        ]
         for kind in ("status", "types"):
             if data[kind]:
                 lines.append(f"{kind}: {_counts(data[kind])}")
@@ -39,8 +41,7 @@ class SweepStatus:
             shard = session["shard"] or "the whole sweep"
             lines.append(f"at work: {shard}, {who(session)}")
         for session in data["unknown"]:
-            why = "its lock does not tell"
-            lines.append(f"at work or killed ({why}): {who(session)}")
+            lines.append(f"at work or killed (its lock does not tell): {who(session)}")
         last = data["last"]
         if last is not None and not data["at_work"] and not data["unknown"]:
             how = f"ended: {last['how']}"

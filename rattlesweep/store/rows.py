@@ -131,8 +131,9 @@ class Manifest(Checked):
 def _load(directory: Path, manifest: dict[str, Any]) -> Stored:
     """Return the sweep that a manifest describes."""
     if manifest["format"] != FORMAT:
-        is_format = f"its format is {manifest['format']}"
-        raise ValueError(f"{is_format}, and this version reads {FORMAT}")
+        raise ValueError(
+            f"its format is {manifest['format']}, and this version reads {FORMAT}"
+        )
     extra = []
     for name, kind, nullable, unit, description in manifest["columns"]:
         meaning = {"unit": unit, "description": description}
@@ -168,8 +169,10 @@ def _useless(path: Path, fault: str) -> OutputError:
 
 def refuse_again(path: Path, rows: pa.Table) -> None:
     """Raise the TwiceError about a file with rows that another one has."""
-    advice = "or let `rattlesweep run` without --shard drop equal ones"
-    raise TwiceError(f"{path} {TWICE}; move it away, {advice}")
+    raise TwiceError(
+        f"{path} {TWICE}; move it away, or let `rattlesweep run` without --shard drop "
+        "equal ones"
+    )
 
 
 @dataclass(frozen=True)
@@ -258,9 +261,10 @@ class Stored(Design):
         moved = []
         if paths and self.folder.is_symlink():
             # What looks damaged may be another program's file.
-            leads = f"{self.folder} leads to another folder"
-            advice = "move it away yourself if it is of this sweep"
-            raise OutputError(f"{paths[0]} is damaged, and {leads}; {advice}")
+            raise OutputError(
+                f"{paths[0]} is damaged, and {self.folder} leads to another folder; "
+                "move it away yourself if it is of this sweep"
+            )
         check_place(folder)
         for path in paths:
             try:
@@ -270,8 +274,10 @@ class Stored(Design):
             except DamagedError:
                 pass
             else:
-                what = "could not be read at first, but is not damaged"
-                raise OutputError(f"{path} {what}; run the same command again")
+                raise OutputError(
+                    f"{path} could not be read at first, but is not damaged; run the "
+                    "same command again"
+                )
             with explained(f"cannot move {path} to {folder}"):
                 folder.mkdir(exist_ok=True)
                 target = free_path(folder / f"{path.name}.damaged")
@@ -285,8 +291,8 @@ class Stored(Design):
         So whoever still writes or removes a file of before cannot harm a later one.
         """
         case, sample = keys_of(table.slice(0, 1))
-        first = f"case{case[0]:05d}-sample{sample[0]:09d}"
-        return self.folder / f"{first}-{secrets.token_hex(6)}.parquet"
+        name = f"case{case[0]:05d}-sample{sample[0]:09d}-{secrets.token_hex(6)}.parquet"
+        return self.folder / name
 
     def append(self, table: pa.Table, typed: str) -> Path:
         """Write rows, none of which is on disk, to a new file; return its path."""
@@ -538,7 +544,7 @@ class Found:
     @property
     def done(self) -> Flags:
         """Runs that are stored; shape (cases, samples)."""
-        return np.asarray(self.code != CODE_MISSING)
+        return self.code != CODE_MISSING
 
     @property
     def rows(self) -> int:

@@ -348,10 +348,10 @@ class SummaryColumn:
     """A column of `summary`, and where its value comes from."""
 
     name: str
-    type: pa.DataType
     value: _Value
-    unit: str
     meaning: str
+    unit: str = "1"
+    type: pa.DataType = F64
     nullable: bool = True
 
     @property
@@ -412,6 +412,11 @@ def _share(name: str, whole: str = "ok") -> _Value:
     return value
 
 
+def _moment(name: str, of_cells: Callable[[Moments], Floats]) -> _Value:
+    """Return means, deviations or errors of a quantity of the runs."""
+    return lambda cases, counts: of_cells(getattr(counts, name))
+
+
 def _of_times(function: Callable[[Floats], float]) -> _Value:
     """Return a function of the reversal times, null where they were not kept."""
 
@@ -435,222 +440,133 @@ _must = partial(SummaryColumn, nullable=False)
 _COLUMNS = (
     _must(
         "case",
-        I32,
         lambda cases, counts: np.arange(len(cases)),
-        "1",
         "number of the case, from 0",
+        type=I32,
     ),
     SummaryColumn(
         "mesh",
-        TEXT,
         lambda cases, counts: pa.array([case.mesh for case in cases], TEXT),
-        "1",
         "file of the body; null: bodies are no meshes",
+        type=TEXT,
     ),
-    SummaryColumn("K_p", F64, _target("K_p"), "1", "target of K_p; null: none"),
-    SummaryColumn("K_r", F64, _target("K_r"), "1", "target of K_r; null: none"),
-    SummaryColumn(
-        "n_i",
-        F64,
-        _held("n_i"),
-        RATE,
-        "initial spin",
-    ),
-    SummaryColumn(
-        "omega_xy0",
-        F64,
-        _held("omega_xy0"),
-        RATE,
-        "initial oscillation",
-    ),
-    _must(
-        "runs",
-        I64,
-        _number("runs"),
-        "1",
-        "number of stored runs",
-    ),
+    SummaryColumn("K_p", _target("K_p"), "target of K_p; null: none"),
+    SummaryColumn("K_r", _target("K_r"), "target of K_r; null: none"),
+    SummaryColumn("n_i", _held("n_i"), "initial spin", RATE),
+    SummaryColumn("omega_xy0", _held("omega_xy0"), "initial oscillation", RATE),
+    _must("runs", _number("runs"), "number of stored runs", type=I64),
     # Null unless the size of the bodies is known.
-    SummaryColumn(
-        "n_i_rpm",
-        F64,
-        _spin_in_rpm,
-        "rpm",
-        "initial spin",
-    ),
+    SummaryColumn("n_i_rpm", _spin_in_rpm, "initial spin", "rpm"),
     # Null unless given in these units, and the sizes of the bodies differ.
     SummaryColumn(
-        "omega_xy0_rpm",
-        F64,
-        _held_in_si("omega_xy0"),
-        "rpm",
-        "initial oscillation",
+        "omega_xy0_rpm", _held_in_si("omega_xy0"), "initial oscillation", "rpm"
     ),
     *(
         SummaryColumn(
-            each.measure.name, F64, _held_in_si(name), each.measure.unit, each.meaning
+            each.measure.name, _held_in_si(name), each.meaning, each.measure.unit
         )
         for name, each in ACTING.items()
         if each.measure is not None
     ),
+    SummaryColumn("fraction_R", _share("R"), "fraction that reverses (type R)"),
+    SummaryColumn("fraction_SS", _share("SS"), "fraction that spins steadily (SS)"),
+    SummaryColumn("fraction_SW", _share("SW"), "fraction that wobbles (SW)"),
     SummaryColumn(
-        "fraction_R", F64, _share("R"), "1", "fraction that reverses (type R)"
-    ),
-    SummaryColumn(
-        "fraction_SS", F64, _share("SS"), "1", "fraction that spins steadily (SS)"
-    ),
-    SummaryColumn("fraction_SW", F64, _share("SW"), "1", "fraction that wobbles (SW)"),
-    SummaryColumn(
-        "fraction_unclassified",
-        F64,
-        _share("unclassified"),
-        "1",
-        "fraction of unclassified runs",
+        "fraction_unclassified", _share("unclassified"), "fraction of unclassified runs"
     ),
     SummaryColumn(
         "fraction_bondi",
-        F64,
         _share("bondi", "steady"),
-        "1",
         "fraction beyond Bondi's threshold; null: unsteady spins",
     ),
     SummaryColumn(
-        "t_r_mean",
-        F64,
-        lambda cases, counts: counts.t_r.means(),
-        TIME,
-        "mean reversal time (type R)",
+        "t_r_mean", _moment("t_r", Moments.means), "mean reversal time (type R)", TIME
     ),
     SummaryColumn(
         "t_r_s_mean",
-        F64,
-        lambda cases, counts: counts.t_r_s.means(),
-        "s",
+        _moment("t_r_s", Moments.means),
         "mean reversal time, if sizes are known",
+        "s",
     ),
     SummaryColumn(
         "t_r_std",
-        F64,
-        lambda cases, counts: counts.t_r.deviations(),
-        TIME,
+        _moment("t_r", Moments.deviations),
         "standard deviation (n - 1) of the reversal times",
+        TIME,
     ),
     SummaryColumn(
         "t_rgh_mean",
-        F64,
-        lambda cases, counts: counts.t_rgh.means(),
-        TIME,
+        _moment("t_rgh", Moments.means),
         "mean reversal time of theory",
+        TIME,
     ),
     SummaryColumn(
-        "t_r_over_t_rgh_mean",
-        F64,
-        lambda cases, counts: counts.ratio.means(),
-        "1",
-        "mean of t_r / t_rgh",
+        "t_r_over_t_rgh_mean", _moment("ratio", Moments.means), "mean of t_r / t_rgh"
     ),
     SummaryColumn(
         "t_r_over_t_rgh_sem",
-        F64,
-        lambda cases, counts: counts.ratio.errors(),
-        "1",
+        _moment("ratio", Moments.errors),
         "standard error of this mean",
     ),
     _must(
         "failed",
-        I64,
         _number("failed"),
-        "1",
         "number of runs with a status other than ok",
+        type=I64,
     ),
     _must(
         "near_tangencies",
-        I64,
         _number("near_tangencies"),
-        "1",
         "sum of near_tangencies over the runs",
+        type=I64,
     ),
     SummaryColumn(
         "t_r_median",
-        F64,
         _of_times(_median),
-        TIME,
         f"median reversal time (type R), of the first {MOST_KEPT:,} runs",
+        TIME,
     ),
     SummaryColumn(
         "t_r_tail",
-        F64,
         _of_times(tail_index),
-        "1",
         "tail index of the reversal times (Hill); below 2, the mean may not exist and "
         "its error means nothing; null: fewer than 100 of type R",
     ),
     # Null unless errors are recorded.
     SummaryColumn(
         "sensitive",
-        I64,
         _number("sensitive"),
-        "1",
         "number of runs of type R with t_r_error > 1e-6 t_r",
+        type=I64,
     ),
     SummaryColumn(
-        "unsure",
-        I64,
-        _number("unsure"),
-        "1",
-        "number of runs whose type is not sure",
+        "unsure", _number("unsure"), "number of runs whose type is not sure", type=I64
     ),
     SummaryColumn(
-        "t_r_mean_error",
-        F64,
-        lambda cases, counts: counts.t_r_error.means(),
-        TIME,
-        "mean of t_r_error",
+        "t_r_mean_error", _moment("t_r_error", Moments.means), "mean of t_r_error", TIME
     ),
     # Null without dissipation.
-    SummaryColumn(
-        "fraction_D",
-        F64,
-        _share("D"),
-        "1",
-        "fraction that dies (type D)",
-    ),
+    SummaryColumn("fraction_D", _share("D"), "fraction that dies (type D)"),
     *(
-        SummaryColumn(
-            name,
-            F64,
-            _held(name),
-            each.unit,
-            f"{each.meaning}; null: none",
-        )
+        SummaryColumn(name, _held(name), f"{each.meaning}; null: none", each.unit)
         for name, each in ACTING.items()
     ),
     # Null unless contact is recorded.
     *(
         SummaryColumn(
             name,
-            F64,
             _share(name),
-            "1",
             f"fraction that needs friction > {friction} to roll, by contact_ratio_max",
         )
         for name, friction in _FRICTION.items()
     ),
     SummaryColumn(
         "share_lift_off",
-        F64,
         _share("share_lift_off"),
-        "1",
         "fraction that would lift off, with contact_normal_min < 0",
     ),
     # Null without dissipation.mu.
-    SummaryColumn(
-        "share_slid",
-        F64,
-        _share("share_slid"),
-        "1",
-        "fraction that slides",
-    ),
+    SummaryColumn("share_slid", _share("share_slid"), "fraction that slides"),
 )
 SCHEMA = pa.schema([column.field for column in _COLUMNS])
 

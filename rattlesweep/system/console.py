@@ -62,6 +62,23 @@ def counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}s"
 
 
+def shortened(texts: Sequence[str], most: int) -> str:
+    """Return texts between commas, at most so many; dots stand for the others."""
+    shown = list(texts[:most])
+    if len(texts) > most:
+        shown.append("...")
+    return ", ".join(shown)
+
+
+def joined(texts: Sequence[str], word: str = "and") -> str:
+    """Return texts as in ``rolling, pivot and mu``; a comma in one asks for another."""
+    *others, last = texts
+    if not others:
+        return last
+    comma = "," if any("," in text for text in others) else ""
+    return f"{', '.join(others)}{comma} {word} {last}"
+
+
 def clock(seconds: float) -> str:
     """Return seconds as m:ss or h:mm:ss."""
     minutes, seconds = divmod(round(seconds), 60)

@@ -91,5 +91,6 @@ def start_thread(thread: Thread) -> None:
     try:
         thread.start()
     except RuntimeError as error:
-        advice = "the system's limit of threads or memory is reached"
-        raise OutputError(f"{error}; {advice}") from None
+        raise OutputError(
+            f"{error}; the system's limit of threads or memory is reached"
+        ) from None

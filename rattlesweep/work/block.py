@@ -112,8 +112,7 @@ def _integrate(
 ) -> Outcome:
     control = control or Control()
     if "error" in config.record:
-        estimated: Outcome = integrate_estimated(config, batch, threads, control)
-        return estimated
+        return integrate_estimated(config, batch, threads, control)
     settings = config.integrator
     return integration.integrate(
         batch,

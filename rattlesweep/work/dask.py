@@ -70,8 +70,9 @@ def make_executor(scheduler: str | None, threads: int | None = None) -> Executor
 
         security = Security.temporary() if scheduler is None else None
     except ImportError as error:
-        advice = "`pip install 'rattlesweep[dask]'`"
-        raise ConfigError(f"--executor dask: needs Dask ({error}); {advice}") from None
+        raise ConfigError(
+            f"--executor dask: needs Dask ({error}); `pip install 'rattlesweep[dask]'`"
+        ) from None
     for name in LOGGERS:  # errors that matter are raised here, in one sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
@@ -274,8 +275,7 @@ _kernel = threading.Lock()  # one kernel at a time in a process
 @lru_cache(maxsize=1)
 def _unpack(plan: bytes) -> Plan:
     """Return a plan; the bodies that it has drawn are kept for the next block."""
-    unpacked: Plan = pickle.loads(plan)
-    return unpacked
+    return pickle.loads(plan)
 
 
 def do_block(
@@ -313,9 +313,11 @@ def do_block(
         problem = f"{type(error).__name__}: {error}"
         if isinstance(error, OutputError):
             problem = str(error)
-        where = f"the worker at {worker.address} on {socket.gethostname()}"
         # Without its cause, which may not be picklable.
-        raise OutputError(f"{where}: {one_line(problem, 500)}") from None
+        raise OutputError(
+            f"the worker at {worker.address} on {socket.gethostname()}: "
+            f"{one_line(problem, 500)}"
+        ) from None
 
 
 def _check_same_program(order: BlockOrder) -> None:
@@ -352,7 +354,8 @@ def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
     except Exception as error:
         problem = one_line(f"{type(error).__name__}: {error}", 200)
         case, sample = keys
-        block = f"the block that begins with case {case[0]}, sample {sample[0]}"
-        advice = "the logs of the workers may say why"
-        raise OutputError(f"{block} cannot be done ({problem}); {advice}") from error
+        raise OutputError(
+            f"the block that begins with case {case[0]}, sample {sample[0]} cannot be "
+            f"done ({problem}); the logs of the workers may say why"
+        ) from error
     return table, seconds

@@ -232,8 +232,7 @@ def _misses(estimated: Estimated, goal: float) -> Flags:
     is_ok = estimated.status == Status.OK
     no_failure = (Status.OK, Status.STEP_LIMIT, Status.STOPPED)
     has_failed = ~np.isin(estimated.status, no_failure)
-    misses: Flags = (is_inaccurate | has_missed) & is_ok | has_failed
-    return misses
+    return (is_inaccurate | has_missed) & is_ok | has_failed
 
 
 def _with_later_turns(stages: _Stages, batch: Batch, estimated: Estimated) -> Estimated:
@@ -324,7 +323,7 @@ class _Scale:
 
     def carried(self, ratio: Floats | float) -> Floats:
         """Return the part of a difference that the run has, for a ratio r of errors."""
-        return np.asarray((ratio + self.fit.near * ratio**2) ** self.fit.power)
+        return (ratio + self.fit.near * ratio**2) ** self.fit.power
 
 
 class _Pair(NamedTuple):
@@ -340,8 +339,7 @@ class _Pair(NamedTuple):
     @property
     def both_ok(self) -> Flags:
         runs_ok = self.runs.status == Status.OK
-        both_ok: Flags = runs_ok & (self.companions.status == Status.OK)
-        return both_ok
+        return runs_ok & (self.companions.status == Status.OK)
 
     @property
     def both_stay(self) -> Flags:
@@ -447,8 +445,7 @@ def _is_pulled(pair: _Pair) -> Flags:
     runs, companions = pair
     if not len(runs.pulled):  # without pivoting there is no such kink
         return np.zeros(len(runs.t_r), dtype=bool)
-    is_pulled: Flags = (runs.pulled > 0) | (companions.pulled > 0)
-    return is_pulled
+    return (runs.pulled > 0) | (companions.pulled > 0)
 
 
 def _error_of_slides(runs: Outcome, scale: _Scale) -> Floats | float:
@@ -502,7 +499,7 @@ def _is_at_rest(batch: Batch, model: Model, runs: Outcome) -> Flags:
     first, last = (
         amplitude.py_func(y.T, batch.probe.T) for y in (batch.y0, runs.y_end)
     )
-    return np.asarray(last <= DECAYED * first)
+    return last <= DECAYED * first
 
 
 def _angle_of_steps(config: Config, batch: Batch, runs: Outcome) -> Floats:
@@ -546,7 +543,7 @@ def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Float
         oscillation = full.oscillation.py_func
         moved = oscillation(change, constants.T)
         size = oscillation(y.T, constants.T)
-    return np.asarray(np.sqrt(moved / size))
+    return np.sqrt(moved / size)
 
 
 def _with_turns(

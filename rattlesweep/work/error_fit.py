@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from rattlesweep.config.schema import Config
+from rattlesweep.system.console import joined
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.quantities import law_of
 
@@ -144,17 +145,12 @@ def _refusal(config: Config) -> str:
     if config.model == "reduced":
         what = "the reduced model"
     if names:
-        what += f" with {_listed(names, 'and')}"
+        what += f" with {joined(names)}"
     removable = [asked]
     for name in names:
         if fitted_motion(config, without=name) in MOTION_FITS:
             removable.append(name)
-    leave_out = _listed(removable, "or")
-    return f"{key}: errors are not calibrated for {what}; leave out {leave_out}"
-
-
-def _listed(names: list[str], word: str) -> str:
-    """Return names as in ``rolling, pivot and mu``."""
-    if len(names) == 1:
-        return names[0]
-    return f"{', '.join(names[:-1])} {word} {names[-1]}"
+    return (
+        f"{key}: errors are not calibrated for {what}; leave out "
+        f"{joined(removable, 'or')}"
+    )

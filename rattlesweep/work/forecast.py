@@ -59,11 +59,11 @@ class Forecast:
         """The forecast as a line of text."""
         most = "at most " if self.decides else "about "
         power = min(len(_SIZES) - 1, int(np.log10(max(self.bytes, 1)) // 3))
-        size = f"{self.bytes / 1000**power:.3g} {_SIZES[power]}"
         text = (
             f"{self.runs:,} runs: {most}{_time(self.seconds)} with "
             f"{counted(self.threads, 'thread')} ({_time(self.low)} to "
-            f"{_time(self.high)}, as other programs allow), up to {size} on disk"
+            f"{_time(self.high)}, as other programs allow), up to "
+            f"{self.bytes / 1000**power:.3g} {_SIZES[power]} on disk"
         )
         if self.decides:
             text += (

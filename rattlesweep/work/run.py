@@ -67,8 +67,9 @@ class Shard:
         """Read ``I/N``, or raise a ValueError."""
         match = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", text)
         if not match or int(match[1]) >= int(match[2]):
-            advice = "write it as in --shard 0/4, with I from 0 to N-1"
-            raise ValueError(f"is not I/N; {advice}")
+            raise ValueError(
+                "is not I/N; write it as in --shard 0/4, with I from 0 to N-1"
+            )
         return cls(int(match[1]), int(match[2]))
 
     @property
@@ -83,7 +84,7 @@ class Shard:
 
     def has(self, case: Integers, sample: Integers) -> Flags:
         """Return which keys are those of runs of the shard."""
-        return np.asarray((case + sample) % self.count == self.index)
+        return (case + sample) % self.count == self.index
 
 
 @dataclass(frozen=True)
@@ -171,12 +172,14 @@ def _check_shard(plan: Plan, shard: Shard | None, retry_failed: bool) -> None:
     if shard is None:
         return
     if retry_failed:
-        what = "also repeats runs of other shards; leave out --shard"
-        raise ConfigError(f"--retry-failed: {what}")
+        raise ConfigError(
+            "--retry-failed: also repeats runs of other shards; leave out --shard"
+        )
     key = plan.config.deciding_key
     if key is not None:
-        what = "what is run next depends on all runs, so there are no shards"
-        raise ConfigError(f"{key}: {what}")
+        raise ConfigError(
+            f"{key}: what is run next depends on all runs, so there are no shards"
+        )
 
 
 def _mend(
@@ -204,9 +207,10 @@ def _mend(
         if text != typed:
             stale.update(paths)
     if stale and shard is not None:
-        what = "its runs are typed by other thresholds than the config's"
-        advice = "run `rattlesweep classify` there before its shards go on"
-        raise ConfigError(f"{stored.directory}: {what}; {advice}")
+        raise ConfigError(
+            f"{stored.directory}: its runs are typed by other thresholds than the "
+            "config's; run `rattlesweep classify` there before its shards go on"
+        )
     retry = retry_failed and on_disk.rows > on_disk.status["ok"]
     if not stale and not retry:
         return on_disk

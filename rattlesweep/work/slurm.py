@@ -39,8 +39,9 @@ def limit_of(text: str) -> int:
     """
     match = _LIMIT.fullmatch(text.strip())
     if not match:
-        advice = "write it as in 4:00:00, 90 (minutes) or 2-12:00:00"
-        raise ValueError(f"is no time limit; {advice}")
+        raise ValueError(
+            "is no time limit; write it as in 4:00:00, 90 (minutes) or 2-12:00:00"
+        )
     limit = {name: int(number or 0) for name, number in match.groupdict().items()}
     minutes = limit["minutes"] + limit["alone"]
     total = 86400 * limit["days"] + 3600 * limit["hours"] + 60 * minutes

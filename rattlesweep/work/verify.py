@@ -124,8 +124,10 @@ def _verified(
     problems = result.problems
     problems += _problems_of_files(stored, on_disk, missing)
     if complete and missing and not problems:
-        lacks = f"{missing:,} of {counted(result.wanted, 'run')} are missing"
-        problems.append(f"{lacks}; `rattlesweep run` does them")
+        problems.append(
+            f"{missing:,} of {counted(result.wanted, 'run')} are missing; "
+            "`rattlesweep run` does them"
+        )
     plan = None
     if recompute:
         # This imports Numba, which the rest does without.
@@ -172,9 +174,10 @@ def _problems_of_files(stored: Stored, on_disk: Found, missing: int) -> Iterator
     thresholds = stored.thresholds.as_text
     for text, paths in on_disk.typed.items():
         if text != thresholds:
-            files = f"{counted(len(paths), 'file')}, such as {paths[0]}"
-            advice = "run `rattlesweep classify` to type all alike"
-            yield f"{files}, typed by other thresholds; {advice}"
+            yield (
+                f"{counted(len(paths), 'file')}, such as {paths[0]}, typed by other "
+                "thresholds; run `rattlesweep classify` to type all alike"
+            )
     # The runs of damaged files are missing, but they have been named above.
     if on_disk.damaged:
         return
@@ -184,8 +187,10 @@ def _problems_of_files(stored: Stored, on_disk: Found, missing: int) -> Iterator
     if not stored.folder.is_dir():
         yield f"{stored.folder} is gone; `rattlesweep run` does its runs again"
     elif missing and path.exists():
-        lost = f"{counted(missing, 'run')} of them lost"
-        yield f"{path} is of all runs, {lost}; `rattlesweep run` does them again"
+        yield (
+            f"{path} is of all runs, {counted(missing, 'run')} of them lost; "
+            "`rattlesweep run` does them again"
+        )
 
 
 def _repeatable(rows: pa.Table, max_steps: int) -> pa.Table:
@@ -245,8 +250,7 @@ def _wrong_ends(rows: pa.Table, config: Config) -> Flags:
     # friction those whose spin changes sign with hardly any energy left.
     if config.classify.early or config.acting:
         is_right |= goes_on & (t_end < horizon)
-    wrong: Flags = (t_end > horizon) | (is_ok & ~is_right)
-    return wrong
+    return (t_end > horizon) | (is_ok & ~is_right)
 
 
 def _horizons(rows: pa.Table, config: Config) -> Floats:

@@ -10,15 +10,16 @@ import json
 import math
 from dataclasses import replace
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 from scipy.spatial.transform import Rotation
 
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
 from rattlesweep.design.batches import make_batch
+from rattlesweep.design.bodies.making import missing_height
 from rattlesweep.physics.si import Units
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.quantities import LOSSES
@@ -92,43 +93,42 @@ Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]
 
 
-def of(description: str) -> Any:
-    """Return a field with a description."""
-    return Field(description=description)
-
-
 class DocumentPart(BaseModel):
     """A part of the document."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, use_attribute_docstrings=True
+    )
 
 
 class LowerSurface(DocumentPart):
     """The lower surface of the body."""
 
     shape: Literal["ellipsoid", "paraboloid"]
-    radii: Annotated[
-        tuple[float, float], of("Radii of curvature at the lowest point, m.")
-    ]
-    angle: Annotated[float, of("Angle by which its axes are turned, rad.")]
-    semi_axes: Annotated[Vector | None, of("Semi-axes of an ellipsoid, m.")]
-    centre: Annotated[Vector | None, of("Centre of an ellipsoid in body axes, m.")]
-    rim: Annotated[
-        float | None, of("Height over the lowest point where the surface ends, m.")
-    ]
+    radii: tuple[float, float]
+    """Radii of curvature at the lowest point, m."""
+    angle: float
+    """Angle by which its axes are turned, rad."""
+    semi_axes: Vector | None
+    """Semi-axes of an ellipsoid, m."""
+    centre: Vector | None
+    """Centre of an ellipsoid in body axes, m."""
+    rim: float | None
+    """Height over the lowest point where the surface ends, m."""
 
 
 class Body(DocumentPart):
     """The rigid body."""
 
-    mass: Annotated[float, of("kg")]
-    height: Annotated[float, of("Height of the centre of mass at rest, m.")]
-    inertia: Annotated[Vector, of("Principal moments about the centre of mass, kg m2.")]
+    mass: float
+    """kg"""
+    height: float
+    """Height of the centre of mass at rest, m."""
+    inertia: Vector
+    """Principal moments about the centre of mass, kg m2."""
     surface: LowerSurface
-    parameters: Annotated[
-        dict[str, float],
-        of("The same body in rattlesweep, in units of mass, height and gravity."),
-    ]
+    parameters: dict[str, float]
+    """The same body in rattlesweep, in units of mass, height and gravity."""
 
 
 class LossConstant(DocumentPart):
@@ -142,28 +142,32 @@ class LossConstant(DocumentPart):
 class Plane(DocumentPart):
     """What the plane does to the body."""
 
-    gravity: Annotated[float, of("m/s2")]
-    friction: Annotated[
-        float | None,
-        of("Coefficient of sliding friction; null for a plane that always holds."),
-    ]
+    gravity: float
+    """m/s2"""
+    friction: float | None
+    """Coefficient of sliding friction; null for a plane that always holds."""
     losses: dict[str, LossConstant]
 
 
 class Start(DocumentPart):
     """The state at time zero."""
 
-    position: Annotated[Vector, of("Centre of mass, m.")]
+    position: Vector
+    """Centre of mass, m."""
     quaternion: Quaternion
-    velocity: Annotated[Vector, of("m/s")]
-    omega: Annotated[Vector, of("rad/s")]
+    velocity: Vector
+    """m/s"""
+    omega: Vector
+    """rad/s"""
 
 
 class Zero(DocumentPart):
     """A zero of the spin."""
 
-    time: Annotated[float, of("s")]
-    error: Annotated[float, of("s")]
+    time: float
+    """s"""
+    error: float
+    """s"""
 
 
 class Method(DocumentPart):
@@ -172,24 +176,31 @@ class Method(DocumentPart):
     method: str
     tol: float
     steps: int
-    first_reversal: Annotated[float | None, of("s")]
+    first_reversal: float | None
+    """s"""
 
 
 class ContactExtremes(DocumentPart):
     """Extremes of the contact force up to the first reversal."""
 
-    friction: Annotated[float, of("Largest ratio of tangential to normal force.")]
-    least_normal: Annotated[float, of("Least normal force, N.")]
+    friction: float
+    """Largest ratio of tangential to normal force."""
+    least_normal: float
+    """Least normal force, N."""
 
 
 class Pose(DocumentPart):
     """The body at some time."""
 
-    time: Annotated[float, of("s")]
+    time: float
+    """s"""
     quaternion: Quaternion
-    omega: Annotated[Vector, of("rad/s")]
-    spin: Annotated[float, of("rad/s")]
-    energy: Annotated[float, of("J, zero at rest upright")]
+    omega: Vector
+    """rad/s"""
+    spin: float
+    """rad/s"""
+    energy: float
+    """J, zero at rest upright"""
 
 
 class Expected(DocumentPart):
@@ -197,21 +208,20 @@ class Expected(DocumentPart):
 
     spun: Literal["counterclockwise", "clockwise", "without spin"]
     direction: Literal["steady", "unsteady"] | None
-    counts_above: Annotated[float, of("rad/s")]
+    counts_above: float
+    """rad/s"""
     first_reversal: Zero | None
-    until: Annotated[float, of("Time to which zeros were searched, s.")]
-    zeros: Annotated[
-        list[Zero], of("The first zeros of the spin, as far as both methods agree.")
-    ]
-    slides: Annotated[
-        list[tuple[float, float]],
-        of("Begin and end of each slide up to the first reversal, s."),
-    ]
+    until: float
+    """Time to which zeros were searched, s."""
+    zeros: list[Zero]
+    """The first zeros of the spin, as far as both methods agree."""
+    slides: list[tuple[float, float]]
+    """Begin and end of each slide up to the first reversal, s."""
     contact: ContactExtremes
-    energy: Annotated[float, of("At launch, J; zero at rest upright.")]
-    poses: Annotated[
-        list[Pose], of("Ten times, evenly spaced up to the first reversal.")
-    ]
+    energy: float
+    """At launch, J; zero at rest upright."""
+    poses: list[Pose]
+    """Ten times, evenly spaced up to the first reversal."""
 
 
 class EngineCase(DocumentPart):
@@ -255,8 +265,9 @@ def make_case(
         raise ConfigError(f"model: {run.model} has no moving body; leave it out")
     units = _units(run, height)
     if run.units is None:
-        chosen = f"The size and the mass of {ASSUMED_MASS:g} kg are chosen."
-        about = f"{about} {chosen}".strip()
+        about = (
+            f"{about} The size and the mass of {ASSUMED_MASS:g} kg are chosen.".strip()
+        )
     first, second = (_followed(run, method) for method in BOTH_METHODS)
     reversal, other = (_first_reversal(run, follower) for follower in (first, second))
     end = run.t_end
@@ -315,16 +326,11 @@ def make_case(
 
 def _units(run: PreparedRun, height: float | None) -> Units:
     """Return the units of a body; one without a size has those of its height."""
-    if run.units is not None:
-        if height is not None:
-            raise ConfigError("length: the body has a size already; leave length out")
-        return run.units
-    if height is None:
-        raise ConfigError(
-            "length: the body has no size; give the height of its centre of mass, such "
-            "as 1 cm"
-        )
-    return Units(ASSUMED_MASS, height)
+    needed = missing_height(run.units, height)
+    if needed is not None:
+        return Units(ASSUMED_MASS, needed)
+    assert run.units is not None
+    return run.units
 
 
 def _by(run: PreparedRun, method: str, t_end: float) -> PreparedRun:

@@ -77,8 +77,7 @@ class View:
         """Whether pivoting friction holds the spin at zero."""
         if self.follower.model.pivot is None:
             return np.zeros(len(self.samples.t), bool)
-        is_held: Flags = (self.samples.sense == 0) & ~self.slides
-        return is_held
+        return (self.samples.sense == 0) & ~self.slides
 
     @property
     def slides(self) -> Flags:
@@ -97,16 +96,14 @@ class View:
         if self.follower.model.slip is None:
             return self.samples.slip[:, SLIP_SPEED]
         first, second = self.viscous_slip
-        speed: Floats = np.hypot(first, second)
-        return speed
+        return np.hypot(first, second)
 
     @property
     def slip_angle(self) -> Floats:
         """The direction of sliding from -pi to pi, NaN where the body rolls."""
         if self.follower.model.slip is not None:
             first, second = self.viscous_slip
-            direction: Floats = np.arctan2(second, first)
-            return direction
+            return np.arctan2(second, first)
         angle = self.samples.slip[:, SLIP_ANGLE]
         turns = np.round(angle / (2 * np.pi))
         return np.where(self.slides, angle - 2 * np.pi * turns, np.nan)
@@ -154,8 +151,7 @@ class View:
         behind = math.pi / 2 + xi
         heading = self.samples.extra[:, HEADING]
         turns = np.round((heading - behind - folded) / math.tau)
-        angle: Floats = folded + math.tau * turns
-        return angle
+        return folded + math.tau * turns
 
     @property
     def attitude(self) -> Floats:

@@ -523,8 +523,7 @@ def _excess(seen: Floats) -> Floats:
 
 def _lift(seen: Floats) -> Floats:
     """Return the force by which the plane would have to hold the body down."""
-    lift: Floats = np.nan_to_num(-seen[2])
-    return lift
+    return np.nan_to_num(-seen[2])
 
 
 def _joined(chunks: Sequence[Columns]) -> Columns:

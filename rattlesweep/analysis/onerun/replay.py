@@ -37,8 +37,7 @@ class StoredRun:
     @cached_property
     def values(self) -> dict[str, Any]:
         """The columns of the run by name."""
-        values: dict[str, Any] = self.row.to_pylist()[0]
-        return values
+        return self.row.to_pylist()[0]
 
     @property
     def name(self) -> str:
@@ -143,8 +142,8 @@ def find_run(
     if case is None or sample is None:
         raise ConfigError(f"where {where}: {directory} stores no such run")
     if not (0 <= case < len(stored.cases) and 0 <= sample < stored.samples):
-        last = f"{len(stored.cases) - 1} and the samples 0 to {stored.samples - 1}"
         raise ConfigError(
-            f"case {case}, sample {sample}: {directory} has the cases 0 to {last}"
+            f"case {case}, sample {sample}: {directory} has the cases 0 to "
+            f"{len(stored.cases) - 1} and the samples 0 to {stored.samples - 1}"
         )
     raise OutputError(f"case {case}, sample {sample} is not stored yet in {directory}")

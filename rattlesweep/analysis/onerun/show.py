@@ -20,6 +20,7 @@ import numpy as np
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.onerun.solids import solid_of_page
 from rattlesweep.arrays import Floats, Integers
+from rattlesweep.system.console import shortened
 from rattlesweep.words.defaults import FRAMES_A_PERIOD
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.quantities import DRIVES, LOSSES, RATE, TIME
@@ -154,10 +155,7 @@ def _listed(times: list[float], end: float, size: float, unit: str) -> str:
     """Return the first times in a unit, or that there are none by the end."""
     if not times:
         return f"none by {size * end:g} {unit}"
-    listed = ", ".join(f"{size * time:.8g}" for time in times[:_MOST_TIMES])
-    if len(times) > _MOST_TIMES:
-        listed += ", ..."
-    return f"{listed} {unit}"
+    return f"{shortened([f'{size * time:.8g}' for time in times], _MOST_TIMES)} {unit}"
 
 
 def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:

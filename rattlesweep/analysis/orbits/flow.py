@@ -245,7 +245,7 @@ def _rate_by_differences(rhs: Callable[..., Any]) -> Callable[..., Any]:
             w * (8.0 * (one[4] - back[4]) - (two[4] - back_two[4])),
         )
 
-    return rate  # type: ignore[no-any-return]
+    return rate
 
 
 @scalar

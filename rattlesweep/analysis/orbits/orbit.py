@@ -173,8 +173,7 @@ class Solution:
     @cached_property
     def tangent(self) -> Floats:
         """The direction of the family: what the equations do not change."""
-        direction: Floats = np.linalg.svd(self.matrix)[2][-1]
-        return direction
+        return np.linalg.svd(self.matrix)[2][-1]
 
 
 @dataclass(frozen=True, repr=False)

@@ -32,8 +32,7 @@ class Distribution(Picture):
     def values(self) -> Floats:
         """The quantity of each run with status ok, NaN where it has no value."""
         if self.quantity is not None:
-            column: Floats = self.read(self.quantity)[1]
-            return column
+            return self.read(self.quantity)[1]
         _, t_r, t_rgh = self.read("t_r", "t_rgh")
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio: Floats = t_r / t_rgh

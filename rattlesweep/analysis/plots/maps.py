@@ -195,8 +195,9 @@ class Map(Picture):
             self.drawn += (slice(None, None, step),)
             self.edges.append(np.append(axis.edges[:-1:step], axis.edges[-1]))
             if step > 1:
-                drawn = f"one in {step} is drawn"
-                self.notes.append(f"Of the {count:,} values of {axis.name}, {drawn}.")
+                self.notes.append(
+                    f"Of the {count:,} values of {axis.name}, one in {step} is drawn."
+                )
 
     def _scale(self, axes: Axes, log: bool | None) -> None:
         """Scale and limit the axes of a panel."""

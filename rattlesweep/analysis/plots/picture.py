@@ -4,6 +4,7 @@ import math
 import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from typing import Any, ClassVar, NamedTuple, TypeVar
@@ -60,6 +61,19 @@ class Panel(NamedTuple):
     axes: Axes
     place: tuple[int, ...]
     is_lowest: bool = True  # whether it has the label of the abscissa
+
+
+@dataclass(frozen=True)
+class Looks:
+    """What the caller wants of a figure; None stands for what suits the values."""
+
+    title: str | None = None
+    log: bool | None = None
+    caption: bool = True
+    size: tuple[float, float] | None = None
+    xlim: tuple[float, float] | None = None
+    ylim: tuple[float, float] | None = None
+    labels: Labels | None = None  # of its texts
 
 
 class Picture(ABC):
@@ -240,44 +254,23 @@ class Picture(ABC):
             blocks.append(np.stack([cells, *values])[:, ok & (cells >= 0)])
         return np.concatenate(blocks, axis=1)
 
-    def figure(
-        self,
-        *,
-        title: str | None = None,
-        log: bool | None = None,
-        caption: bool = True,
-        size: tuple[float, float] | None = None,
-        xlim: tuple[float, float] | None = None,
-        ylim: tuple[float, float] | None = None,
-        labels: Labels | None = None,
-    ) -> Figure:
-        """Return the figure; None stands for what suits the values.
-
-        `labels` replace texts; see :mod:`rattlesweep.analysis.labels`.
-        """
+    def figure(self, **wanted: Any) -> Figure:
+        """Return the figure, whose `Looks` are given by name."""
         self._check_runs()
+        looks = Looks(**wanted)
 
         def drawn(size: tuple[float, float] | None) -> Figure:
             with room.sized(size):
-                figure = self._drawn(title, log, caption, size, xlim, ylim, labels)
+                figure = self._drawn(looks, size)
                 room.separate_ticks(figure)
             if size is not None:
                 room.check_panels(figure, size)
             return figure
 
-        wanted = size or room.chosen_size()
-        return drawn(None) if wanted is None else room.with_room(drawn, wanted)
+        size = looks.size or room.chosen_size()
+        return drawn(None) if size is None else room.with_room(drawn, size)
 
-    def _drawn(
-        self,
-        title: str | None,
-        log: bool | None,
-        caption: bool,
-        size: tuple[float, float] | None,
-        xlim: tuple[float, float] | None,
-        ylim: tuple[float, float] | None,
-        labels: Labels | None,
-    ) -> Figure:
+    def _drawn(self, looks: Looks, size: tuple[float, float] | None) -> Figure:
         """Return the figure, before its texts are fitted."""
         down = self.down
         across = _places(self.columns)
@@ -302,19 +295,20 @@ class Picture(ABC):
         panels = [Panel(*each) for each in zip(every, places, lowest, strict=False)]
         self._head_panels(panels, columns, is_wrapped=lines > len(down))
         self.notes.clear()
-        handles = self.draw(panels, log)
+        handles = self.draw(panels, looks.log)
         for panel in panels[::columns]:
             panel.axes.set_ylabel(self.ylabel)
-        _limit([panel.axes for panel in panels], xlim, ylim)
-        heading = [title or "", *self._selection(figure.get_figwidth())]
+        _limit([panel.axes for panel in panels], looks)
+        heading = [looks.title or "", *self._selection(figure.get_figwidth())]
         notes = [*self.notes, *self.doubts]
+        labels = looks.labels
         if labels is not None:
             labels.rename(handles)
             heading = [labels(line) if line else "" for line in heading]
             notes = [labels(note) for note in notes]
             notes = [labels.role("caption", " ".join(notes))]
         style.add_legend(figure, handles, [line for line in heading if line])
-        if caption:
+        if looks.caption:
             style.add_caption(figure, notes, grow=size is None)
         if labels is not None:
             labels.apply(figure)
@@ -349,18 +343,13 @@ class Picture(ABC):
         columns = max(range(across, 0, -1), key=room)
         return math.ceil(across / columns), columns
 
-    def draw_on(
-        self,
-        axes: Axes,
-        *,
-        title: str | None = None,
-        log: bool | None = None,
-        xlim: tuple[float, float] | None = None,
-        ylim: tuple[float, float] | None = None,
-        labels: Labels | None = None,
-    ) -> None:
-        """Draw the picture on axes of the caller's, if it has a single panel."""
+    def draw_on(self, axes: Axes, **wanted: Any) -> None:
+        """Draw the picture on axes of the caller's, if it has a single panel.
+
+        Its size and its caption are left to the caller.
+        """
         self._check_runs()
+        looks = Looks(**wanted)
         if self.count > 1:
             raise ConfigError(
                 f"ax: there are {self.count} panels; choose one with select, as in "
@@ -370,14 +359,14 @@ class Picture(ABC):
         if self.axes:
             axes.set_xlabel(label(self.axes[0].name))
         place = (0,) * (len(self.rows) + len(self.columns))
-        handles = self.draw([Panel(axes, place)], log)
+        handles = self.draw([Panel(axes, place)], looks.log)
         axes.set_ylabel(self.ylabel)
-        _limit([axes], xlim, ylim)
-        if title is not None:
-            axes.set_title(title)
-        if labels is not None:
-            labels.rename(handles)
-            labels.apply(axes)
+        _limit([axes], looks)
+        if looks.title is not None:
+            axes.set_title(looks.title)
+        if looks.labels is not None:
+            looks.labels.rename(handles)
+            looks.labels.apply(axes)
         if handles:
             axes.legend(handles=handles)
 
@@ -444,8 +433,7 @@ class Picture(ABC):
 def within(values: NDArray[_T], place: tuple[int, ...]) -> NDArray[_T]:
     """Return the values of a panel, along the axes inside it."""
     index: Any = (..., *place)
-    panel: NDArray[_T] = values[index]
-    return panel
+    return values[index]
 
 
 def _places(axes: list[Axis]) -> list[tuple[int, ...]]:
@@ -453,12 +441,9 @@ def _places(axes: list[Axis]) -> list[tuple[int, ...]]:
     return list(product(*(range(len(axis.values)) for axis in axes)))
 
 
-Limits = tuple[float, float] | None
-
-
-def _limit(panels: Sequence[Axes], xlim: Limits, ylim: Limits) -> None:
+def _limit(panels: Sequence[Axes], looks: Looks) -> None:
     """Set the limits that are given; raise a ConfigError if nothing is within them."""
-    for which, limits in (("x", xlim), ("y", ylim)):
+    for which, limits in (("x", looks.xlim), ("y", looks.ylim)):
         if limits is None:
             continue
         low, high = limits

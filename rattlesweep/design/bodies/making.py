@@ -4,13 +4,17 @@ import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from inspect import signature
+from typing import TypeVar
 
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
+from rattlesweep.physics.si import Units
+from rattlesweep.system.console import joined
 from rattlesweep.system.files import as_path
 from rattlesweep.words.errors import ConfigError, not_one_of
 from rattlesweep.words.quantities import ANGLES
 from rattlesweep.words.units import require_unit
 
+_T = TypeVar("_T")
 # Kinds of the keys of bodies with a size.
 SIZE_KINDS = {
     "mass": "mass",
@@ -83,8 +87,7 @@ def body_from(
         if is_required and key not in values:
             sentence = f"{spelled(key)} is missing; add it"
             if make is Rattleback:
-                *ways, last = map(spelled, WAYS)
-                sentence += f", or give {', '.join(ways)} or {last}"
+                sentence += f", or give {joined([*map(spelled, WAYS)], 'or')}"
             raise ConfigError(sentence)
     if way in ("shape", "mesh", "mass"):
         for key, value in values.items():
@@ -125,6 +128,21 @@ def _maker(values: dict[str, object]) -> tuple[str, Callable[..., Rattleback]]:
     if "f_sd" in values:
         return "f_sd", Rattleback.shell_dumbbell
     return "parameters", Rattleback
+
+
+def missing_height(units: Units | None, height: _T | None) -> _T | None:
+    """Return the height that a body without a size needs, which others must not have.
+
+    None if the body has a size.
+    """
+    if units is not None and height is not None:
+        raise ConfigError("length: the body has a size already; leave length out")
+    if units is None and height is None:
+        raise ConfigError(
+            "length: the body has no size; give the height of its centre of mass, such "
+            "as 1 cm"
+        )
+    return height
 
 
 def require_units_of_points(name: str, points: object) -> None:

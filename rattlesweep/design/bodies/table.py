@@ -97,6 +97,8 @@ NULLABLE = {
     *SURFACE_CONSTANTS,
 }
 NULLABLE |= {name for name in WITH_UNITS if WITH_UNITS[name][0] in SURFACE_CONSTANTS}
+NEEDED = {*INPUT} - NULLABLE
+"""Inputs in which each row needs a number, if the table has them."""
 _KEPT = ("mass_kg", "height_m", "gravity_m_s2", "rim")
 """Inputs that are also copied to the runs."""
 _RESULTS = {
@@ -266,20 +268,11 @@ def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     if base is not None and not os.path.exists(file):
         file = base / file
     where = f"bodies.path: {one_line(path, 200)}"
-    table = read_table(file, where, _is_used, _is_needed)
+    # Those that a run depends on are numbers, if they look so.
+    table = read_table(file, where, USED.__contains__, NEEDED.__contains__)
     if {*KEYS} <= {*table.column_names}:
         table = table.sort_by([(name, "ascending") for name in KEYS])
     return _bodies(table, where)
-
-
-def _is_used(name: str) -> bool:
-    """Return whether runs depend on a column, so that it is not only copied to them."""
-    return name in USED
-
-
-def _is_needed(name: str) -> bool:
-    """Return whether each row needs a number in a column, if the table has it."""
-    return name in INPUT and name not in NULLABLE
 
 
 def is_output(names: Iterable[str]) -> bool:

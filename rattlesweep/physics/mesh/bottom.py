@@ -57,8 +57,7 @@ class Quadric:
         straight = x @ self.slope + np.einsum("ij,jk,ik->i", x, self.curvature, x) / 2
         tilted = 1 - x @ self.lean
         root = np.sqrt(np.maximum(tilted**2 - 2 * self.k * straight, 0.0))
-        height: Floats = self.z0 + 2 * straight / (tilted + root)
-        return height
+        return self.z0 + 2 * straight / (tilted + root)
 
 
 def fit_quadric(points: Floats, weights: Floats, reach: float) -> Quadric | None:

@@ -43,10 +43,8 @@ class MeshPose:
 
     def placed(self, vertices: Floats) -> Floats:
         """Return places of the mesh in m, shape (n, 3), in the frame of the body."""
-        placed: Floats = (vertices - self.centre) @ self.turn.T
-        return placed
+        return (vertices - self.centre) @ self.turn.T
 
     def places_in_mesh(self, placed: Floats) -> Floats:
         """Return places in m of the mesh, from those in the frame of the body."""
-        places: Floats = placed @ np.linalg.inv(self.turn).T + self.centre
-        return places
+        return placed @ np.linalg.inv(self.turn).T + self.centre

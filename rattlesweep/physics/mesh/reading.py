@@ -89,8 +89,7 @@ def import_trimesh() -> ModuleType:
     require_trimesh()
     import trimesh
 
-    module: ModuleType = trimesh
-    return module
+    return trimesh
 
 
 def require_trimesh() -> None:

@@ -78,8 +78,8 @@ def half_ellipsoid_solid(
         middle = np.full(around, len(vertices))
         lid = np.column_stack([middle, edge, np.roll(edge, -1)])
         vertices = np.vstack([vertices, np.zeros((1, 3))])
-        return Solid.of(vertices, np.vstack([faces, lid]))
-    vertices, lid = _lid(vertices, edge, pockets)
+    else:
+        vertices, lid = _lid(vertices, edge, pockets)
     return Solid.of(vertices, np.vstack([faces, lid]))
 
 

@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.physics.mesh.sheets import sheets_at
 from rattlesweep.physics.mesh.solid import Solid, edge_keys, wrong_edges
+from rattlesweep.system.console import shortened
 from rattlesweep.words.errors import ConfigError
 
 # Shells in single precision that touch may overlap by a rounding of a place.
@@ -306,9 +307,7 @@ def _check_apart(shells: Sequence[Shell], longest: float) -> None:
     volumes = np.sort(volumes[volumes > SHELLS_APART * volumes.sum()])[::-1]
     if len(volumes) < 2:
         return
-    listed = ", ".join(f"{volume * 1e6:.4g}" for volume in volumes[:4])
-    if len(volumes) > 4:
-        listed += ", ..."
+    listed = shortened([f"{volume * 1e6:.4g}" for volume in volumes], 4)
     raise ValueError(
         f"the file has {len(volumes)} bodies that do not touch, of {listed} cm^3, as "
         "stones on a plate, or supports; export one stone alone"

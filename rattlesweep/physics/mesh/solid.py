@@ -213,10 +213,7 @@ def edge_keys(
     starts = faces.ravel()
     ends = np.roll(faces, -1, axis=1).ravel()
     is_forward = starts < ends
-    keys = np.where(is_forward, starts, ends) * count + np.where(
-        is_forward, ends, starts
-    )
-    return keys, is_forward
+    return np.minimum(starts, ends) * count + np.maximum(starts, ends), is_forward
 
 
 def wrong_edges(faces: Integers, count: int) -> tuple[int, int]:

@@ -55,8 +55,7 @@ class Standing:
     @property
     def inertia(self) -> Floats:
         """The inertia tensor along `axes`."""
-        tensor: Floats = self.axes @ self.mass.inertia @ self.axes.T
-        return tensor
+        return self.axes @ self.mass.inertia @ self.axes.T
 
     @property
     def tilt(self) -> float:
@@ -66,8 +65,7 @@ class Standing:
     @property
     def slopes(self) -> Floats:
         """The slopes up to which the bottom is fitted, of the smaller radius first."""
-        slopes: Floats = np.sqrt(2 * self.surface.reach / self.surface.radii)
-        return slopes
+        return np.sqrt(2 * self.surface.reach / self.surface.radii)
 
     @property
     def semi_axis(self) -> float | None:
@@ -308,8 +306,7 @@ def _lowest(arms: Floats, up: Floats) -> Floats:
     rises = rises[rises <= 0.5]
     share = MANY_VERTICES / len(part)
     is_kept = np.random.default_rng(0).random(len(part)) < share
-    fewer: Floats = part[is_kept | (rises <= FOOT)]
-    return fewer
+    return part[is_kept | (rises <= FOOT)]
 
 
 def _hull(points: Floats, up: Floats) -> tuple[Floats, Floats, Floats]:

@@ -57,5 +57,4 @@ def _sharpness(solid: Solid) -> Floats:
         cosine = np.einsum("ij,ij->i", normals, sums[owner]) / sizes
         np.minimum.at(least, owner, cosine)
     # Coarse steps, so that a smooth part has no favourites.
-    sharpness: Floats = np.round(1 - least, 2)
-    return sharpness
+    return np.round(1 - least, 2)

@@ -196,9 +196,7 @@ class _Reader:
             )
         remarks = []
         left_out: dict[str, str] = {}
-        vertices: list[Floats] = []
-        faces: list[Integers] = []
-        count = 0
+        kept: list[Piece] = []
         for item in model.items:
             pieces = list(self._pieces(item, self.root, 0))
             if not item.is_printed:
@@ -207,14 +205,11 @@ class _Reader:
             for piece in pieces:
                 if piece.use.kind not in (_PLASTIC, _CUT):
                     left_out[piece.use.name] = piece.use.kind
-            for piece in _plastic(pieces, scale):
-                vertices.append(piece.vertices)
-                faces.append(piece.faces + count)
-                count += len(piece.vertices)
+            kept += _plastic(pieces, scale)
             for piece in pieces:
                 if piece.use.kind == _CUT:
                     remarks.append(f"the negative part {piece.use.name!r} is cut out")
-        if not faces:
+        if not kept:
             raise ValueError(self._why_nothing(left_out))
         if left_out:
             listed = ", ".join(f"{name!r} ({why})" for name, why in left_out.items())
@@ -225,7 +220,7 @@ class _Reader:
                     "points"
                 )
             remarks.append(remark)
-        found = Solid.of(np.vstack(vertices), np.vstack(faces))
+        found = _joined(kept, 1.0)
         return Solid(found.vertices, found.faces, tuple(remarks))
 
     def _why_nothing(self, left_out: dict[str, str]) -> str:
@@ -392,7 +387,7 @@ def _plastic(pieces: list[Piece], scale: float) -> Iterator[Piece]:
 
 
 def _joined(pieces: list[Piece], scale: float) -> Solid:
-    """Return the solid of some meshes in m."""
+    """Return the solid of some meshes, whose unit is `scale` in m."""
     faces = []
     count = 0
     for piece in pieces:
