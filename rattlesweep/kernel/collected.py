@@ -12,7 +12,7 @@ from typing import get_type_hints
 
 from rattlesweep.kernel import runs, tangents
 from rattlesweep.kernel.event import looks, peaks, zeros
-from rattlesweep.kernel.look import casimir, extremes, late, marks
+from rattlesweep.kernel.look import casimir, extremes, late, marks, put_off
 from rattlesweep.kernel.method.collocation import STAGES
 from rattlesweep.kernel.mode import modes
 from rattlesweep.kernel.state import fields as kinds
@@ -30,6 +30,7 @@ OF_EVERY_LANE = (
     looks.LookFields,
     ways.ModeFields,
     extremes.ExtremeFields,
+    put_off.PutOffFields,
     marks.MarkFields,
     late.LateFields,
     casimir.CasimirFields,
@@ -50,6 +51,7 @@ def layout_of(model: Model | None) -> Layout:
     others += brought.others
     if model.n_tangents:
         others.append(tangents.GrowthFields)
+    others.append(put_off.KeptStartFields)
     # One tangent needs none.
     n_lengths = model.n_tangents
     if n_lengths == 1:

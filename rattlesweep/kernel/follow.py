@@ -126,7 +126,7 @@ def record_steps(
         crossed = lane.t_crossed
         reversals_before = lane.reversals
         lane.n_after = NEVER  # no peak of a turn is searched
-        due = turn.try_step(problem, traits, parts, w, options, recording, GROUP)
+        due = turn.try_step(problem, traits, parts, w, options, recording, GROUP, 0)
         if due & 1 != 0:
             status, move = turn.call_closer(traits, parts, w, 0, max_steps, recording)
             ended = status != OK or (move != HOLD and lane.last > 0.0)

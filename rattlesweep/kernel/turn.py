@@ -40,13 +40,14 @@ from rattlesweep.kernel.event.zeros import (
     TAKE,
     may_reverse,
 )
-from rattlesweep.kernel.look import extremes, late
+from rattlesweep.kernel.look import extremes, late, put_off
 from rattlesweep.kernel.look.extremes import may_be_far
 from rattlesweep.kernel.look.marks import note_mark
 from rattlesweep.kernel.state.fields import (
     GROUP,
     NEVER,
     PEAK,
+    PUT_OFF,
     STEP,
     Point,
 )
@@ -299,6 +300,8 @@ def watch(problem, traits, parts, w, recording):
     """Update the records of lanes whose step was accepted."""
     if traits.limited:
         runs.advance_limit(problem, w)
+    if recorded(recording.contact):
+        put_off.keep_steps(problem, traits, w)
     extremes.advance(problem, w, recording)
     if not takes_each(parts, recording):
         return
@@ -345,17 +348,21 @@ def takes_each(parts, recording):
 
 
 @njit(**INNER)
-def look(parts, w, stage, recording):
-    """Look into the steps tried on all lanes."""
-    call(parts[LOOK], (w, stage, extremes.wanted(recording), recording.marks))
+def look(parts, w, stage, recording, later):
+    """Look into the steps tried on all lanes.
+
+    ``later`` is LATER if searches for extremes may be put off, else 0.
+    """
+    wanted = extremes.wanted(recording) + later
+    call(parts[LOOK], (w, stage, wanted, recording.marks))
 
 
 @njit(forceinline=True, **INNER)
-def try_step(problem, traits, parts, w, options, recording, used):
+def try_step(problem, traits, parts, w, options, recording, used, later):
     """Try a step on the first lanes, decide on it, and return which of them are due.
 
     The first ``used`` lanes are whole groups.  Lanes may wait for a turn that more
-    lanes share (`slots.schedule_slides`).
+    lanes share (`slots.schedule_slides`).  ``later`` is that of :func:`look`.
     """
     rolls = True
     some_slide = False
@@ -368,13 +375,13 @@ def try_step(problem, traits, parts, w, options, recording, used):
         if traits.limited:
             call_for_pair(parts[ANSWER_FOR_ALL], (answer.OBSERVE, w, used))
         if recorded(recording.contact):
-            look(parts, w, looks.ROLLED, recording)
+            look(parts, w, looks.ROLLED, recording, later)
     if some_slide:
         # Lanes that slide replace what was done to them.
         fewest = slots.FEWEST_SLIDING if rolls else WIDTH
         call(parts[SLIDE], (w, options.scale, recorded(recording.contact), fewest))
     if parts[LOOK] != 0:
-        look(parts, w, looks.STEPPED, recording)
+        look(parts, w, looks.STEPPED, recording, later)
     due = decide(problem, traits, w, options.fixed_step, options.most_steps)
     if some_slide:
         due, _ = call_for_pair(parts[ANSWER_FOR_ALL], (answer.DECIDE, w, due))
@@ -428,6 +435,10 @@ def search_closely(problem, traits, w, l, max_steps, goes_on, reversals, marks):
     if lane.search == STEP and lane.accept == 0.0:
         return reject(traits, lane, max_steps), HOLD
     where = problem, traits, w, l
+    if lane.search == PUT_OFF:
+        if peaks.search_kept(*where):
+            return OK, HOLD
+        return int(lane.end_status), int(lane.move)
     if lane.search < PEAK:
         status, move = decide_closely(*where, max_steps, ZEROS)
         while move == ARRIVED or (move == REVERSED and goes_on):
@@ -593,7 +604,8 @@ def work_off(
     turns = 0
     used = problem.lanes
     while busy > 0:
-        due = try_step(problem, traits, parts, w, options, recording, used)
+        later = extremes.LATER
+        due = try_step(problem, traits, parts, w, options, recording, used, later)
         while due != 0:
             l = lowest_bit(due)
             due &= due - 1
@@ -606,13 +618,16 @@ def work_off(
             status, move = call_closer(traits, parts, w, l, max_steps, recording)
             t = lane.t + (lane.h - lane.t_low)
             reversal = move == REVERSED
-            ended = status != OK or reversal
+            is_last = lane.ends > 0.0 and move != HOLD
+            ended = status != OK or reversal or is_last
             if move == TAKE and lane.last > 0.0 and status != AT_LIMIT:
                 t = lane.t_end
                 ended = True
             if move == TAKE and not ended and t >= lane.next:
                 compare_at(problem, traits, parts, w, l, t, recording)
                 ended = settled(parts, w, l, lane)
+            if ended and peaks.begin_kept(problem, traits, w, l, status, move):
+                ended = False
             if ended:
                 lane.steps += 1.0
                 end_run(

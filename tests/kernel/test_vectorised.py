@@ -9,7 +9,7 @@ from functools import cache
 
 import kernels
 import pytest
-from numba import float64, int64, njit, typeof
+from numba import boolean, float64, int64, njit, typeof
 
 from rattlesweep.compiling.intrinsics import INNER
 from rattlesweep.kernel import recipes, tangents, turn
@@ -56,7 +56,7 @@ SHARED = {
 }
 PIECES = {
     "advance_tangent": (tangents.advance_tangent, (float64[::1],)),
-    "observe_contact": (looks.observe_contact, (float64[::1],)),
+    "observe_contact": (looks.observe_contact, (float64[::1], boolean)),
     "observe_spin": (looks.observe_spin, (float64[::1],)),
 }
 

@@ -37,11 +37,12 @@ class LookFields:
 def look_within(problem, w, stage, wanted, marks):
     """Look into the steps tried on all lanes, at a stage of the turn.
 
-    ``wanted`` has the bits of extremes that are recorded, and ``marks`` the times of
-    marks; without runs, none are looked for.
+    ``wanted`` has the bits of extremes that are recorded, and whether their searches
+    may be put off; ``marks`` has the times of marks.  Without runs, none are looked
+    for.
     """
     if stage == ROLLED:
-        extremes.observe_contact(problem, w)
+        extremes.observe_contact(problem, w, wanted & extremes.LATER != 0)
         return
     extremes.observe(problem, w, wanted)
     if marks.shape[0] > 0:

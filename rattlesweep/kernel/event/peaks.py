@@ -16,13 +16,27 @@ from rattlesweep.kernel.event.zeros import (
 )
 from rattlesweep.kernel.look.extremes import (
     keep_of,
+    note_contact,
     peak_of,
     scale_of,
     tried_of,
 )
 from rattlesweep.kernel.look.marks import value_of
+from rattlesweep.kernel.look.put_off import (
+    copy_start,
+    has_kept,
+    keep_step,
+    kept_of,
+)
 from rattlesweep.kernel.runs import keep_end, restore_end
-from rattlesweep.kernel.state.fields import PEAK, RETAKE, STEP, Number, Point
+from rattlesweep.kernel.state.fields import (
+    PEAK,
+    PUT_OFF,
+    RETAKE,
+    STEP,
+    Number,
+    Point,
+)
 from rattlesweep.kernel.state.lane import Lane, lane_of
 from rattlesweep.kernel.state.ways import steps_in_rack
 from rattlesweep.physics.full import scalar
@@ -76,6 +90,68 @@ def search_peaks(problem, traits, w, l):  # type: ignore[no-untyped-def]
     lane.searched = SPIN
     lane.search = STEP
     return int(lane.move)
+
+
+@njit(**INNER)
+def begin_kept(problem, traits, w, l, status, move):  # type: ignore[no-untyped-def]
+    """Begin the search of the steps kept on a lane whose run ends.
+
+    Return whether there are any; then the run ends with the same status and move once
+    they are searched (`look.put_off`).  Its end is kept meanwhile.
+    """
+    lane = lane_of(problem, w, l)
+    if lane.ends > 0.0:
+        return False
+    if lane.accept > 0.0:
+        keep_step(problem, traits, w, l)
+    if not has_kept(lane):
+        return False
+    note_contact(lane)
+    lane.searched = FIRST_EXTREME
+    keep_end(problem, traits, w, l)
+    if not _begin_next_kept(problem, traits, w, l):
+        return False
+    lane.ends = 1.0
+    lane.end_status = status
+    lane.move = move
+    lane.accept = 0.0
+    return True
+
+
+@njit(**INNER)
+def search_kept(problem, traits, w, l):  # type: ignore[no-untyped-def]
+    """Make one move of the search of the steps kept; return whether it goes on."""
+    lane = lane_of(problem, w, l)
+    lane.accept = 0.0
+    if _climb(lane):
+        return True
+    lane.searched += 1.0
+    if _begin_next_kept(problem, traits, w, l):
+        return True
+    restore_end(problem, traits, w, l)
+    return False
+
+
+@njit(**INNER)
+def _begin_next_kept(problem, traits, w, l):  # type: ignore[no-untyped-def]
+    """Go to the start of the next step kept, and set the first point to try in it.
+
+    Return whether there is one.
+    """
+    lane = lane_of(problem, w, l)
+    while lane.searched < FIRST_EXTREME + 2.0:
+        k = int(lane.searched) - FIRST_EXTREME
+        kept = kept_of(lane, k)
+        if kept.h > 0.0:
+            copy_start(problem, traits, w, l, k, False)
+            lane.search = PUT_OFF
+            lane.tries = 0.0
+            lane.bend = kept.bend
+            lane.full = Point(lane.ratio_step if k == 0 else lane.lift_step, 0.0, 0.0)
+            lane.h_next = kept.h
+            return True
+        lane.searched += 1.0
+    return False
 
 
 @njit(**INNER)

@@ -17,11 +17,12 @@ from numba import njit
 
 from rattlesweep.arrays import Floats
 from rattlesweep.compiling.intrinsics import INNER, choice, moved, widest_vectors
-from rattlesweep.kernel.look import inside
+from rattlesweep.kernel.look import inside, put_off
 from rattlesweep.kernel.state.fields import (
     DIFFERENCE,
     NEVER,
     PEAK,
+    PUT_OFF,
     Number,
     OfEnd,
     Peak,
@@ -35,6 +36,8 @@ from rattlesweep.words.watched import EXTREME_WORDS, ExtremeName
 # Words of `record` for which extremes are searched, and their bits in what is wanted.
 OF_EXTREMES = *EXTREME_WORDS, "reversals"
 CONTACT, REVERSALS = 1, 2
+# The bit of searches that may be put off to the end of a run.
+LATER = 4
 
 
 class ExtremeFields:
@@ -214,13 +217,15 @@ def _advance_contact(problem, w):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def observe_contact(problem, w):
+def observe_contact(problem, w, may_put_off):
     """Compute the contact forces at the end of the step tried on every lane.
 
     The forces follow from the state and its derivative, which are known at the end.  In
-    the middle both are those of the cubic through the ends.
+    the middle both are those of the cubic through the ends.  A search that may be put
+    off is not due (`look.put_off`).
     """
     widest_vectors()
+    may_put_off = may_put_off and not problem.modes.limited
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         ratio, lift = contact_points(lane, lane.h, lane.y1, lane.f1)
@@ -231,20 +236,62 @@ def observe_contact(problem, w):
         angle = lane.h * lane.swing
         # Where the normal force is negative, the ratio has poles.  What the tangential
         # force exceeds has none; its peak is that of the ratio if no end is higher.
+        is_long = inside.is_long(lane)
+        can_wait = may_put_off & (angle < put_off.LONGEST_KEPT)
+        # The normal force.
+        before = lane.lift0
+        recorded_least = -lane.normal_min
+        at_end = lift.value
+        most = at_end if at_end > recorded_least else recorded_least
+        kept = lane.lift_kept
+        low = lane.lift_low
+        sure = put_off.sure_of(kept, low)
+        least = sure if sure > recorded_least else recorded_least
+        seen, doubt = inside.glance_and_doubt(before, -normal, lift, angle)
+        bound = seen.value
+        lifts = (bound > least + inside.least_above(least)) & (lane.h > 0.0)
+        low = bound - (put_off.DOUBTS + 1.0) * doubt
+        high = bound + (put_off.DOUBTS - 1.0) * doubt
+        later = lifts & can_wait & put_off.is_later(kept, low, most)
+        lifts &= not later
+        # The highest and the lowest normal force, for the ratio.
+        highest = -before.value if before.value < at_end else -at_end
+        highest = normal if normal > highest else highest
+        lowest = -before.value if before.value > at_end else -at_end
+        lowest = normal if normal < lowest else lowest
+        lowest = -bound if -bound < lowest else lowest
+        is_flat = lowest > put_off.LEAST_SHARE * highest
+        lowest = lowest if is_flat else highest
+        # The ratio.
+        ratio_before = lane.ratio0
         recorded_most = lane.ratio_max
         at_end = ratio.value
-        largest = at_end if at_end > recorded_most else recorded_most
-        start = excess_of(lane.ratio0, lane.lift0, largest)
+        most_ratio = at_end if at_end > recorded_most else recorded_most
+        kept_ratio = lane.ratio_kept
+        low_ratio = lane.ratio_low
+        sure = put_off.sure_of(kept_ratio, low_ratio)
+        largest = sure if sure > most_ratio else most_ratio
+        start = excess_of(ratio_before, before, largest)
         end = excess_of(ratio, lift, largest)
-        seen = inside.glance(start, tangential - largest * abs(normal), end, angle)
-        is_pressed = (lane.lift0.value < 0.0) & (lift.value < 0.0) & (lane.h > 0.0)
-        rubs = is_pressed & (seen.value > inside.least_above(largest))
-        lane.ratio_peak = inside.peak_if(rubs, seen)
-        most = -lane.normal_min
-        seen = inside.glance(lane.lift0, -normal, lift, angle)
-        lifts = (seen.value > most + inside.least_above(most)) & (lane.h > 0.0)
+        glanced, doubt = inside.glance_and_doubt(
+            start, tangential - largest * abs(normal), end, angle
+        )
+        is_pressed = (before.value < 0.0) & (lift.value < 0.0) & (lane.h > 0.0)
+        rubs = is_pressed & (glanced.value > inside.least_above(largest))
+        low_ratio, high_ratio = put_off.ratios_of(
+            glanced.value, doubt, largest, lowest, highest
+        )
+        ratio_later = put_off.is_later(kept_ratio, low_ratio, most_ratio)
+        ratio_later &= rubs & can_wait & is_flat
+        rubs &= not ratio_later
+        lane.ratio_peak = inside.peak_if(rubs, glanced)
         lane.lift_peak = inside.peak_if(lifts, seen)
-        is_long = inside.is_long(lane)
+        lane.ratio_later = Peak(
+            glanced.h if ratio_later else 0.0, high_ratio, glanced.bend
+        )
+        lane.lift_later = Peak(seen.h if later else 0.0, high, seen.bend)
+        lane.ratio_low1 = low_ratio
+        lane.lift_low1 = low
         lane.ratio1 = ratio
         lane.lift1 = lift
         lane.inside = 1.0 if is_long else 0.0
@@ -279,7 +326,8 @@ def follow_contact(problem, w):
 @njit(**INNER)
 def is_followed(lane):
     """Return whether the step tried is long, and not one of a search for peaks."""
-    is_taken = lane.error <= 1.0 and lane.search != PEAK
+    is_sought = lane.search == PEAK or lane.search == PUT_OFF
+    is_taken = lane.error <= 1.0 and not is_sought
     return lane.inside > 0.0 and is_taken and lane.run >= 0.0
 
 

@@ -156,10 +156,20 @@ def may_dip(start, half, end, angle):
 def glance(start, half, end, angle):
     """Return a bound of a function in a step, the place of its top, and the bend there.
 
+    See :func:`glance_and_doubt`.
+    """
+    seen, _ = glance_and_doubt(start, half, end, angle)
+    return seen
+
+
+@scalar
+def glance_and_doubt(start, half, end, angle):
+    """Return a bound of a function in a step, the place of its top, and the bend there.
+
     ``half`` is its value in the middle, ``angle`` the length of the step in radians of
     the fastest swing.  The quartic through values and rates is looked at in eighths,
     and its top is found from the highest of these.  The bound is -NEVER if the top is
-    an end of the step.
+    an end of the step.  The second result is by how much the bound is above the top.
     """
     length = end.h - start.h
     rise = length * start.rate
@@ -198,9 +208,10 @@ def glance(start, half, end, angle):
     share = share if share < 1.0 - NEAR_END else 1.0 - NEAR_END
     square_angle = angle * angle
     slack = square_angle * (SLACK_OF_STATE + SLACK_OF_QUARTIC * square_angle)
+    doubt = slack * (top - low) + OF_BUMP * abs(bump)
     bound = top + slack * (top - low) + OF_BUMP * abs(bump)
     bend /= length * length + TINY
-    return Peak(share * length, bound if peaks else -NEVER, bend)
+    return Peak(share * length, bound if peaks else -NEVER, bend), doubt
 
 
 @scalar

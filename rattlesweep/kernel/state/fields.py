@@ -46,9 +46,9 @@ class Slip(NamedTuple):
 SLIP_SPEED, SLIP_ANGLE, SLIP_WORK, N_SLIP = range(4)
 
 
-# States of the search of a lane.  STEP: none; PEAK and RETAKE are of `event.peaks`, the
-# others of `event.zeros`.
-STEP, SCAN, MINIMUM, ROOT, REDO, PEAK, RETAKE = range(7)
+# States of the search of a lane.  STEP: none; PEAK, RETAKE and PUT_OFF are
+# of `event.peaks`, the others of `event.zeros`.
+STEP, SCAN, MINIMUM, ROOT, REDO, PEAK, RETAKE, PUT_OFF = range(8)
 
 
 class Point(NamedTuple):

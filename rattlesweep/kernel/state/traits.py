@@ -33,6 +33,7 @@ class Traits(NamedTuple):
     sense: int  # row of the sense of the spin
     results: int  # first row of the results that modes add
     kept: int  # first row of the end of a step that is kept
+    starts_kept: int  # first row of the starts of steps that are searched later
     limited: bool  # the motion has a limit, at which a run may end
     lifts: bool  # the body may leave the plane, and gains energy from it
     schedules: bool  # lanes may wait for a turn that more lanes share
@@ -61,6 +62,7 @@ def traits_of(problem: Problem, model: Model, *, adaptive: bool) -> Traits:
         sense=at.row_of("sense"),
         results=at.results,
         kept=at.kept,
+        starts_kept=at.y_of_ratio,
         limited=problem.modes.limited,
         lifts=bool(model.lifts),
         schedules=problem.modes.schedules,
