@@ -134,7 +134,7 @@ class Verdict:
                     t_end=f"{launch['t_end_s']!r} s",
                     **losses,
                 )
-                columns = Course(run, ["t", "n"]).columns()
+                columns = Course(run, ["t", "n"], watched=False).columns()
                 curves.append(
                     SpinCurve(
                         friction, launch["n_i_rpm"], columns["t_s"], columns["n_rpm"]
@@ -493,12 +493,12 @@ def _drawn(
 
 def _normal(dimensions: int, samples: int) -> Iterator[list[float]]:
     """Yield points of a standard normal distribution, spread evenly."""
+    if not dimensions:
+        return
     # SciPy's statistics take longer to import than all the rest.
     from scipy.special import ndtri
     from scipy.stats import qmc
 
-    if not dimensions:
-        return
     power = (samples - 1).bit_length()
     points = qmc.Sobol(dimensions, rng=np.random.default_rng(0)).random_base2(power)
     yield from ndtri(points[:samples]).tolist()

@@ -11,6 +11,7 @@ that no accepted step depends on them.
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import chain
 from typing import NamedTuple, Self, cast
 
 import numpy as np
@@ -126,7 +127,7 @@ def record_steps(
         crossed = lane.t_crossed
         reversals_before = lane.reversals
         lane.n_after = NEVER  # no peak of a turn is searched
-        due = turn.try_step(problem, traits, parts, w, options, recording, GROUP, 0)
+        due = turn.try_step(problem, traits, parts, w, options, recording, GROUP, False)
         if due & 1 != 0:
             status, move = turn.call_closer(traits, parts, w, 0, max_steps, recording)
             ended = status != OK or (move != HOLD and lane.last > 0.0)
@@ -219,15 +220,12 @@ def observe_samples(problem, states, slips, constants, mu, out):
             out[1 + row, i] = value
 
 
-FOLLOW_OPTIONS = {"nogil": True, "error_model": "numpy"}
-
-
 def steps_recipe() -> Kernel:
     """Return :func:`record_steps`, which serves all models and methods."""
     loop = recipes.problem_of(None), recipes.TRAITS, recipes.NO_PARTS, recipes.FLAT
     run = *loop, recipes.INPUTS, recipes.SETTINGS
     tables = recipes.TABLE, recipes.TABLE, recipes.FLAT, recipes.FLAT
-    return Kernel(record_steps, (*run, recipes.NOTHING, True, *tables), FOLLOW_OPTIONS)
+    return Kernel(record_steps, (*run, recipes.NOTHING, True, *tables), recipes.CALLED)
 
 
 def states_recipe() -> Kernel:
@@ -236,7 +234,7 @@ def states_recipe() -> Kernel:
     points = recipes.TABLE, recipes.WHOLE, recipes.FLAT
     settings = recipes.TABLE, 1.0, 1.0
     arguments = *model, recipes.FLAT, *points, *settings, recipes.TABLE
-    return Kernel(states_after, arguments, FOLLOW_OPTIONS)
+    return Kernel(states_after, arguments, recipes.CALLED)
 
 
 def observe_recipe(model_name: str) -> Kernel:
@@ -244,7 +242,7 @@ def observe_recipe(model_name: str) -> Kernel:
     problem = recipes.problem_of(find_model(model_name))
     tables = recipes.TABLE, recipes.TABLE, recipes.TABLE
     arguments = problem, *tables, 1.0, recipes.TABLE
-    return Kernel(observe_samples, arguments, FOLLOW_OPTIONS)
+    return Kernel(observe_samples, arguments, recipes.CALLED)
 
 
 @dataclass(frozen=True)
@@ -372,15 +370,20 @@ class Follower:
         record: Order = (steps_recipe,)
         after: Order = (states_recipe,)
         look: Order = (observe_recipe, model.name)
-        orders = [record, after, look]
         parts: list[list[Order | None]] = []
         for each in self._models:
-            # Of the attitude's model no steps are taken.
-            recorded = self._recorded if each is model else ()
-            own = recipes.parts_of(tableau, each, recorded, rimmed=rimmed)
+            # Nobody asks for the peaks of the spin between reversals, and of the
+            # attitude's model single steps are taken (`states_after`).
+            steps = each is model
+            looked = self._recorded - {"reversals"} if steps else ()
+            own = recipes.parts_of(tableau, each, looked, rimmed=rimmed)
+            if not steps:
+                own[turn.ANSWER_FOR_ALL] = None
             parts.append(own)
-            orders += filter(None, own)
-        # Loaded together, so that they are compiled in parallel.
+        # Loaded together, so that they are compiled in parallel, like parts one after
+        # the other.
+        alike = filter(None, chain.from_iterable(zip(*parts, strict=True)))
+        orders = [record, after, *alike, look]
         loaded = dict(zip(orders, load_kernels(*orders), strict=True))
         self._kernel = loaded[record]
         self._observe = loaded[look]
@@ -449,7 +452,9 @@ class Follower:
         constants = np.stack(columns, axis=1)
         mu = float(values.get("mu", np.inf))
         problem = recipes.problem_of(self.model)
-        self._observe(problem, samples.y, samples.slip, constants, mu, out)
+        # The kernel is compiled for arrays without gaps.
+        states, slips = map(np.ascontiguousarray, (samples.y, samples.slip))
+        self._observe(problem, states, slips, constants, mu, out)
         return out
 
     @property

@@ -16,7 +16,7 @@ from rattlesweep.kernel.collected import Recording, layout_of
 from rattlesweep.kernel.event import looks
 from rattlesweep.kernel.event.zeros import HOLD
 from rattlesweep.kernel.look import notes
-from rattlesweep.kernel.look.extremes import OF_EXTREMES
+from rattlesweep.kernel.look.extremes import STEPPED
 from rattlesweep.kernel.look.marks import MARKS
 from rattlesweep.kernel.method.tableau import METHODS, Tableau
 from rattlesweep.kernel.mode import modes
@@ -36,10 +36,8 @@ from rattlesweep.physics import frame
 from rattlesweep.physics.surface import PARABOLOID
 
 RECORDINGS = Recording._fields
-# Observations for which steps are looked into (`event.looks`).
-LOOKED_INTO = {*OF_EXTREMES, "marks", *(mark.name for mark in MARKS)}
+OF_MARKS = {"marks", *(mark.name for mark in MARKS)}  # observations that need marks
 NOTED = {"late", "casimir"}  # observations that need notes (`look.notes`)
-N_PARTS = turn.GROWTH + 1
 
 
 @cache
@@ -104,7 +102,7 @@ CALLED: dict[str, object] = INNER | {"no_cpython_wrapper": False}
 def work_recipe() -> Kernel:
     """Return :func:`turn.work_off`, which each thread runs."""
     return Kernel(
-        turn.work_off, (problem_of(None), TRAITS, 0, NO_PARTS, FLAT, *SHARED), CALLED
+        turn.work_off, (problem_of(None), TRAITS, 0, NO_PARTS, FLAT, *SHARED), INNER
     )
 
 
@@ -115,9 +113,12 @@ def closer_recipe() -> Kernel:
     return Kernel(turn.look_closer, (*lane, *recorded), INNER)
 
 
-def drive_recipe() -> Kernel:
-    """Return :func:`turn.drive`, which starts the threads."""
-    options = {"parallel": True, "nogil": True}
+def drive_recipe(way: str) -> Kernel:
+    """Return :func:`turn.drive`.
+
+    In the way ``threads`` it starts threads, in the way ``alone`` it starts none.
+    """
+    options = {"parallel": True, "nogil": True} if way == "threads" else CALLED
     return Kernel(turn.drive, (0, TRAITS, NO_PARTS, 1, TABLE, *SHARED), options)
 
 
@@ -158,11 +159,10 @@ def slide_recipe(model_name: str, rim: str = "") -> Kernel:
     return Kernel(slots.slide_lanes, (problem, FLAT, 1.0, True, 0), INNER)
 
 
-def look_recipe(model_name: str) -> Kernel:
-    """Return :func:`looks.look_within` for a model."""
-    problem = problem_of(find_model(model_name))
-    arguments = problem, FLAT, looks.ROLLED, 0, NOTHING.marks
-    return Kernel(looks.look_within, arguments, INNER)
+def look_recipe(model_name: str, word: str) -> Kernel:
+    """Return what looks at a word of `record` in the steps of a model."""
+    lanes = problem_of(find_model(model_name)), FLAT
+    return Kernel(looks.LOOKS[word], (*lanes, STEPPED, False, NOTHING.marks), INNER)
 
 
 def note_recipe(model_name: str) -> Kernel:
@@ -185,14 +185,16 @@ def parts_of(
     extra = ("volume",) if "volume" in record else ()
     rim = ("rimmed",) if rimmed else ()
     traits = traits_for(tableau, model, rimmed=rimmed)
-    parts: list[Order | None] = [None] * N_PARTS
+    parts: list[Order | None] = [None] * turn.N_PARTS
     parts[turn.ATTEMPT] = attempt_recipe, tableau.name, model.name, *extra
     parts[turn.CLOSER] = (closer_recipe,)
     parts[turn.ANSWER] = answer_recipe, model.name, *rim
     if traits.limited or traits.has_tangents:
         parts[turn.ANSWER_FOR_ALL] = answer_for_all_recipe, model.name, *rim
-    if not LOOKED_INTO.isdisjoint(record):
-        parts[turn.LOOK] = look_recipe, model.name
+    for place, word in enumerate(looks.LOOKS):
+        words = OF_MARKS if word == "marks" else {word}
+        if not words.isdisjoint(record):
+            parts[turn.FIRST_LOOK + place] = look_recipe, model.name, word
     if traits.schedules:
         parts[turn.SLIDE] = slide_recipe, model.name, *rim
     if not NOTED.isdisjoint(record):
@@ -247,23 +249,17 @@ def threaded_kernel(
     if "spectrum" in record:
         model = compose(SLOPES, PARABOLOID, tangents=frame.N_TANGENTS)
     called = parts_of(tableau, model, record, rimmed=rimmed)
-    orders: list[Order] = [(work_recipe,), *filter(None, called)]
-    threaded = parallel()
-    if threaded:
-        orders.append((drive_recipe,))
+    work: Order = (work_recipe,)
+    drive: Order = drive_recipe, "threads" if parallel() else "alone"
     # All are loaded together, so that they are compiled in parallel.
+    orders = [drive, work, *filter(None, called)]
     loaded = dict(zip(orders, load_kernels(*orders), strict=True))
-    working = loaded[orders[0]]
     parts = addresses(called, loaded)
-    driving = loaded[orders[-1]]
+    (working,) = addresses([work], loaded)
     traits = traits_for(tableau, model, rimmed=rimmed)
 
     def call(threads: int, shared: tuple[object, ...]) -> None:
         w = workspace(tableau, model, threads)
-        if threaded:
-            driving(addresses_of(working)[0], traits, parts, threads, w, *shared)
-            return
-        for thread in range(threads):
-            working(problem_of(None), traits, thread, parts, w[thread], *shared)
+        loaded[drive](working, traits, parts, threads, w, *shared)
 
     return call

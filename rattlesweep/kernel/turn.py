@@ -41,7 +41,7 @@ from rattlesweep.kernel.event.zeros import (
     may_reverse,
 )
 from rattlesweep.kernel.look import extremes, late, put_off
-from rattlesweep.kernel.look.extremes import may_be_far
+from rattlesweep.kernel.look.extremes import ROLLED, STEPPED, may_be_far
 from rattlesweep.kernel.look.marks import note_mark
 from rattlesweep.kernel.state.fields import (
     GROUP,
@@ -80,10 +80,11 @@ class Options(NamedTuple):
 
 # Indices into ``parts``: the addresses of ``attempt``, of :func:`look_closer`, of
 # `answer.answer`; of `answer.answer_for_all` for models with modes or tangents, of
-# `looks.look_within` where steps are looked into, of `slots.slide_lanes` for a model
-# that slides, of `notes.note_step` where something is noted that depends on the model,
-# and of `tangents.note_growth` for models with tangents.  Others are 0.
-ATTEMPT, CLOSER, ANSWER, ANSWER_FOR_ALL, LOOK, SLIDE, NOTE, GROWTH = range(8)
+# `slots.slide_lanes` for a model that slides, of `notes.note_step` where something is
+# noted that depends on the model, of `tangents.note_growth` for models with tangents;
+# of `looks.LOOKS` where steps are looked into.  Others are 0.
+ATTEMPT, CLOSER, ANSWER, ANSWER_FOR_ALL, SLIDE, NOTE, GROWTH, FIRST_LOOK = range(8)
+N_PARTS = FIRST_LOOK + len(looks.LOOKS)
 # Stages of :func:`decide_closely`: the zeros in a step tried, those after an event that
 # was found in it, the extremes in a step that is to be taken.
 ZEROS, AFTER_EVENT, PEAKS = 0, 1, 2
@@ -332,7 +333,7 @@ def watch(problem, traits, parts, w, recording):
 @njit(**INNER)
 def is_recording(parts, recording):
     """Return whether something is recorded of each accepted step."""
-    return extremes.wanted(recording) != 0 or takes_each(parts, recording)
+    return recorded(recording.contact) or takes_each(parts, recording)
 
 
 @njit(**INNER)
@@ -348,21 +349,29 @@ def takes_each(parts, recording):
 
 
 @njit(**INNER)
-def look(parts, w, stage, recording, later):
-    """Look into the steps tried on all lanes.
+def watch_far(problem, w):
+    """Watch lanes on which the spin may reach the awaited modulus in the step tried."""
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        lane.watched += 1.0 if may_be_far(lane) else 0.0
 
-    ``later`` is LATER if searches for extremes may be put off, else 0.
-    """
-    wanted = extremes.wanted(recording) + later
-    call(parts[LOOK], (w, stage, wanted, recording.marks))
+
+@njit(**INNER)
+def look(parts, w, stage, may_put_off, recording):
+    """Look into the steps tried on all lanes, at a stage of the turn."""
+    for k in range(FIRST_LOOK, N_PARTS):
+        if parts[k] != 0:
+            call(parts[k], (w, stage, may_put_off, recording.marks))
 
 
 @njit(forceinline=True, **INNER)
-def try_step(problem, traits, parts, w, options, recording, used, later):
+def try_step(problem, traits, parts, w, options, recording, used, may_put_off):
     """Try a step on the first lanes, decide on it, and return which of them are due.
 
     The first ``used`` lanes are whole groups.  Lanes may wait for a turn that more
-    lanes share (`slots.schedule_slides`).  ``later`` is that of :func:`look`.
+    lanes share (`slots.schedule_slides`).  ``may_put_off`` says whether searches for
+    extremes may be put off to the end of the run (`look.put_off`).
     """
     rolls = True
     some_slide = False
@@ -374,14 +383,14 @@ def try_step(problem, traits, parts, w, options, recording, used, later):
         call(parts[ATTEMPT], (w, options.scale, used))
         if traits.limited:
             call_for_pair(parts[ANSWER_FOR_ALL], (answer.OBSERVE, w, used))
-        if recorded(recording.contact):
-            look(parts, w, looks.ROLLED, recording, later)
+        look(parts, w, ROLLED, may_put_off, recording)
     if some_slide:
         # Lanes that slide replace what was done to them.
         fewest = slots.FEWEST_SLIDING if rolls else WIDTH
         call(parts[SLIDE], (w, options.scale, recorded(recording.contact), fewest))
-    if parts[LOOK] != 0:
-        look(parts, w, looks.STEPPED, recording, later)
+    if recorded(recording.reversals):
+        watch_far(problem, w)
+    look(parts, w, STEPPED, may_put_off, recording)
     due = decide(problem, traits, w, options.fixed_step, options.most_steps)
     if some_slide:
         due, _ = call_for_pair(parts[ANSWER_FOR_ALL], (answer.DECIDE, w, due))
@@ -604,8 +613,7 @@ def work_off(
     turns = 0
     used = problem.lanes
     while busy > 0:
-        later = extremes.LATER
-        due = try_step(problem, traits, parts, w, options, recording, used, later)
+        due = try_step(problem, traits, parts, w, options, recording, used, True)
         while due != 0:
             l = lowest_bit(due)
             due &= due - 1

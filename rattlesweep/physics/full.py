@@ -21,6 +21,7 @@ Stability: may change.
 """
 
 # mypy: disable-error-code="no-untyped-def"
+import os
 from math import cos, sin, sqrt
 
 import numpy as np
@@ -28,6 +29,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats
+from rattlesweep.compiling.loading import IS_CHILD
 
 N_STATE = 5
 CONSTANTS = "ix", "iy", "iz", "cxx", "cxy", "cyy"
@@ -36,9 +38,14 @@ N_EXTRA = 3  # heading and the two co-ordinates of the contact point on the plan
 # With 'nnan' and 'ninf' LLVM would remove tests for non-finite states; with 'reassoc'
 # and 'arcp' the last bits would depend on how often a function is optimised.
 FASTMATH = {"contract", "nsz"}
-# Nothing calls these functions from C, and wrappers for it take time to compile.
+# Nothing calls these functions from C, and nothing from Python in a process that
+# compiles kernels.  Wrappers for it take time to compile.
 scalar = njit(
-    fastmath=FASTMATH, error_model="numpy", forceinline=True, no_cfunc_wrapper=True
+    fastmath=FASTMATH,
+    error_model="numpy",
+    forceinline=True,
+    no_cfunc_wrapper=True,
+    no_cpython_wrapper=IS_CHILD in os.environ,
 )
 # Added to a divisor, it prevents a division by zero, as in empty lanes, and changes no
 # other result.

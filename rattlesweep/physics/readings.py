@@ -7,7 +7,6 @@ need are compiled in `full` and `stone`.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from rattlesweep.arrays import Floats
 from rattlesweep.physics.theory import Modes, inertia_along
@@ -84,6 +83,9 @@ def turning_friction(moments: Floats, shape: Shape, psi: float, energy: float) -
     the forces was 0.93 to 1.00 times this (5 to 95 %).
     The result is NaN if the body cannot hold so much energy.
     """
+    # SciPy takes long to import.
+    from scipy.optimize import brentq
+
     direction = np.array([-np.sin(psi), np.cos(psi)])
 
     def surplus(tilt: float) -> float:

@@ -15,6 +15,7 @@ import pytest
 import sweeping
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from numba import njit
 from scipy.stats import qmc
 from sweeping import HEAD, ROW, rows
 
@@ -70,16 +71,25 @@ numbers = (
 signed = st.integers(-(2**63), 2**63 - 1)
 
 
+compiled = njit(uniforms)
+
+
 @settings(max_examples=200, deadline=None)
 @given(numbers, signed, numbers, st.integers(0, 2**61) | st.integers(0, 3))
 @example(0, 0, 0, 0)
+@example(2**63 - 1, 0, 2**63 - 1, 0)
+@example(3, 0, 2, 0)
 @example(2**63 - 1, -(2**63), 2**63 - 1, 2**61)
 def test_the_bits_are_those_of_numpys_philox(seed, word, sample, draw):
     # As one 256-bit integer: a list with numbers above 2^63 would become floats.
     key = seed + (word % 2**64 << 64)
     counter = 2 * draw + (sample << 64)
     generator = np.random.Generator(np.random.Philox(key=key, counter=counter))
-    assert uniforms(seed, word, sample, draw) == tuple(generator.random(8))
+    expected = generator.random(8)
+    assert compiled(seed, word, sample, draw) == tuple(expected)
+    if word == draw == 0:
+        # The first draw without a target needs no kernel.
+        assert (draw_points(seed, np.array([sample]))[:, 0] == expected[:6]).all()
 
 
 def sobol(samples: Any, seed: int = 7) -> np.ndarray:

@@ -39,9 +39,9 @@ MODELS = {
 # Parts of these models that few quick tests would need.
 RARE = {
     ("answer_recipe", "full", "rimmed"),
-    ("look_recipe", "full_tangent"),
-    ("look_recipe", "full_pivoting"),
-    ("look_recipe", "ellipsoid_rolling"),
+    ("look_recipe", "full_tangent", "reversals"),
+    ("look_recipe", "full_pivoting", "reversals"),
+    ("look_recipe", "ellipsoid_rolling", "reversals"),
     ("note_recipe", "full_tangent"),
     ("attempt_recipe", "dop853", "full_tangent", "volume"),
     ("attempt_recipe", "dop853", "full_frame", "volume"),
@@ -57,6 +57,8 @@ def is_kept(recipe: str, *names: str | bool) -> bool:
     """Return whether a quick test may use a kernel."""
     if any((recipe, *names)[: len(rare)] == rare for rare in RARE):
         return False
+    if recipe == "drive_recipe":
+        return True
     models = [name for name in names if isinstance(name, str)]
     if recipe == "attempt_recipe":
         models = models[1:2]

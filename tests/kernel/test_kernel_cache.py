@@ -21,6 +21,7 @@ from small_kernel import again, broken, forget_folders, load_small
 from sweeping import CONFIGS
 
 from rattlesweep.compiling import loading
+from rattlesweep.compiling.intrinsics import KEPT_APART, apart
 from rattlesweep.kernel import recipes
 from rattlesweep.system.console import Bar, _warn_once
 from rattlesweep.system.lockfile import LockFile
@@ -81,6 +82,7 @@ def test_a_kernel_is_compiled_by_another_process_and_found_again(place):
 FOUND = """
 import json
 from rattlesweep.compiling import loading
+from rattlesweep.compiling.intrinsics import KEPT_APART, apart
 from rattlesweep.kernel.recipes import threaded_kernel
 heard = []
 with loading.listening(heard.append):
@@ -91,6 +93,34 @@ hits = {
 }
 print(json.dumps([heard, hits]))
 """
+
+
+@numba.njit(**KEPT_APART)
+def one_more(x):
+    apart()
+    return x + 1.0
+
+
+def twice(x):
+    return 2.0 * one_more(x)
+
+
+def test_what_a_kernel_links_in_is_its_own():
+    kernel = loading.Kernel(twice, (1.0,), {})
+    compiled = loading._typed(numba.njit(twice), kernel)
+    assert compiled(3.0) == 8.0
+    (whole,) = compiled.overloads.values()
+    (linked,) = one_more.overloads.values()
+    name = linked.fndesc.llvm_func_name
+    code = whole.library.get_llvm_str()
+    (line,) = [
+        line for line in code.splitlines() if f"@{name}(" in line and "define" in line
+    ]
+    # Not one of the process, which the next kernel with such a name would use.
+    assert line.startswith("define internal ")
+    # A function of others is compiled as ever.
+    assert numba.njit([numba.float64(numba.float64)])(twice)(3.0) == 8.0
+    assert linked.library.get_pointer_to_function(name) != 0
 
 
 def test_a_kernel_that_cannot_be_compiled_leaves_no_lock(place):

@@ -270,14 +270,15 @@ class Estimate:
     @property
     def quantiles(self) -> Floats:
         """Half the width of each 95 % interval, in standard errors."""
-        from scipy.stats import t as student
+        # As in `scipy.stats`, which takes longer to import.
+        from scipy.special import stdtrit
 
         freedom = np.full(len(self.x), np.inf)
         if self.problem.film.error is None:
             # Welch and Satterthwaite: only noise has a size that is estimated.
             with np.errstate(divide="ignore"):
                 freedom = self.freedom / self.noise_shares**2
-        return np.asarray(student.ppf(0.975, freedom))
+        return np.asarray(stdtrit(freedom, 0.975))
 
     @property
     def half_widths(self) -> Floats:
@@ -340,16 +341,16 @@ def rivals_of(estimate: Estimate, searches: Sequence[Searched]) -> list[Searched
 
     Chi squared is low there, although the parabola of the estimate is high.
     """
-    from scipy.stats import chi2, f
+    from scipy.special import fdtri, gammaincinv
 
     unknowns = len(estimate.x)
     lowest = min(search.squares for search in searches)
     if estimate.problem.film.error is not None:
-        rise = float(chi2.ppf(RIVAL, unknowns))
+        rise = 2 * float(gammaincinv(unknowns / 2, RIVAL))
         highest = lowest + rise
     else:
         freedom = max(estimate.freedom, 1.0)
-        rise = unknowns * float(f.ppf(RIVAL, unknowns, freedom))
+        rise = unknowns * float(fdtri(unknowns, freedom, RIVAL))
         # The searches do not know the noise.
         highest = lowest * (1 + rise / freedom)
     rivals = []

@@ -264,7 +264,11 @@ def _check_needs(run: PreparedRun, needs: set[str]) -> None:
 
 
 class Course:
-    """A trajectory that is integrated while its chunks of columns are iterated over."""
+    """A trajectory that is integrated while its chunks of columns are iterated over.
+
+    Unless `watched`, nobody sees its contact: there are no :attr:`slides`, and no
+    :attr:`warning`.
+    """
 
     def __init__(
         self,
@@ -277,6 +281,7 @@ class Course:
         times: ArrayLike | None = None,
         from_time: float | None = None,
         section: Section | None = None,
+        watched: bool = True,
     ) -> None:
         if section is not None:
             channels = ["t", *(channels or VARIABLES[run.model])]
@@ -305,14 +310,14 @@ class Course:
         self._ended_slides: list[tuple[float, float]] = []
         self._slides_from: float | None = None  # begin of a slide that goes on
         self.slide_work = 0.0  # of sliding friction so far, negative
-        self.follower = self._follow(has_attitude="attitude" in needs)
+        self.follower = self._follow("attitude" in needs, watched)
         self._beside = None
         if "reduced" in needs:
             beside = with_energies(reduced_batch(run.launches), *run.energies)
             model = reduced_model(run.launches.losses)
             self._beside = Follower(beside, DOP853, model, tol=BESIDE_TOL)
 
-    def _follow(self, has_attitude: bool) -> Follower:
+    def _follow(self, has_attitude: bool, watched: bool) -> Follower:
         """Return the integration of the run, which has not begun."""
         run = self.run
         assert run.batch is not None
@@ -331,7 +336,7 @@ class Course:
             max_steps=run.config.integrator.max_steps,
             longest_step=longest_step,
             attitude=has_attitude,
-            look=self._look,
+            look=self._look if watched else None,
         )
 
     def __iter__(self) -> Iterator[Columns]:

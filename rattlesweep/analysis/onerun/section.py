@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize.elementwise import find_root
 
 from rattlesweep.analysis.onerun.channels import Channel, choose_channels
 from rattlesweep.arrays import Flags, Floats, take
@@ -222,6 +221,8 @@ class CrossingSearch:
 
     def _crossings(self, brackets: Floats) -> tuple[Samples, Flags]:
         """Return the crossings in brackets, in order of time, and whether they rise."""
+        from scipy.optimize.elementwise import find_root
+
         order = np.lexsort((brackets[1], brackets[0]))
         which, low, high, direction = brackets[:, order]
         with np.errstate(all="ignore"):  # of the extrapolations

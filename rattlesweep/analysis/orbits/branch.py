@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.optimize import brentq
 
 from rattlesweep.analysis.orbits.flow import LOOSE
 from rattlesweep.analysis.orbits.orbit import (
@@ -375,6 +374,8 @@ class Walk:
 
     def _located(self, name: str, before: Solution, after: Solution) -> Member | None:
         """Return the point between two orbits at which a test is zero."""
+        from scipy.optimize import brentq
+
         tangent = before.tangent
         begin = float(tangent @ before.x)
         length = float(tangent @ after.x) - begin

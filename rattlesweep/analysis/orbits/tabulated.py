@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -15,6 +15,9 @@ from rattlesweep.rows.columns import define
 from rattlesweep.system.files import as_path, replace_file, streamed_file
 from rattlesweep.words.errors import ConfigError
 from rattlesweep.words.quantities import ENERGY, RATE, TIME
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _UNITS = {
     "energy": ENERGY,
@@ -29,6 +32,8 @@ _UNITS = {
 
 def table_of_orbits(orbits: Iterable[Orbit]) -> pd.DataFrame:
     """Return orbits as a table, a row each."""
+    import pandas as pd
+
     rows = [{**row_of(orbit), "kind": orbit.kind} for orbit in orbits]
     return with_units(pd.DataFrame(rows))
 

@@ -357,22 +357,18 @@ def draw_points(
     value: float = np.nan,
 ) -> Floats:
     """Return a random point for each sample, whose body meets a target's value."""
-    points = np.full((6, samples.size), np.nan)
-    # Without a target, the first draw is taken.
-    word = 0
-    aim = (0, 0.0, 0.0, 1)
-    if target is not None:
-        word, which = _word(target, value)
-        aim = (which, float(value), target.rel_tol, target.max_draws)
     # These arrays have the types that the sampler is compiled for.
-    if ranges is None:
-        ranges = np.zeros((5, 2))
-    within = np.array(ranges, dtype=float, order="C")
-    settings = (seed, np.array(samples, dtype=np.int64), word, within, *aim, points)
-    draw = load_kernels((sampler,))[0]
+    numbers = np.array(samples, dtype=np.int64)
     if target is None:
-        draw(0, samples.size, Control().flag, *settings)
-        return points
+        # The first draw is taken, for which no kernel need be compiled.
+        with np.errstate(over="ignore"):
+            return np.stack(uniforms(seed, 0, numbers, 0)[:6])
+    points = np.full((6, samples.size), np.nan)
+    word, which = _word(target, value)
+    within = np.array(ranges, dtype=float, order="C")
+    aim = (which, float(value), target.rel_tol, target.max_draws)
+    settings = (seed, numbers, word, within, *aim, points)
+    draw = load_kernels((sampler,))[0]
 
     def draw_some(first: int, last: int, control: Control) -> None:
         draw(first, last, control.flag, *settings)
@@ -436,14 +432,15 @@ def sampler() -> Kernel:
     ranges = np.zeros((5, 2))
     points = np.zeros((6, 0))
     like = (0, 0, flag, 0, samples, 0, ranges, 0, 0.0, 0.0, 0, points)
-    return Kernel(_draw, like, {"nogil": True}, (__file__,))
+    return Kernel(_draw, like, {"nogil": True}, (__file__,), small=True)
 
 
 # Formulas for arrays, here compiled for scalars too.
-_shell_dumbbell = njit(nogil=True)(body.shell_dumbbell)
 register_jitable(nogil=True)(theory.hessian)
-_torque_coefficients = njit(nogil=True)(theory.torque_coefficients)
-_drawn_parameters = njit(nogil=True)(_shell_parameters)
+_shell_dumbbell, _torque_coefficients, _drawn_parameters = map(
+    njit(nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True),
+    (body.shell_dumbbell, theory.torque_coefficients, _shell_parameters),
+)
 
 # Multipliers and increments of Philox 4x64.
 _M0 = np.uint64(0xD2E7470EE14C6C93)
@@ -472,27 +469,25 @@ def _draw(
 ):
     """Fill in points; those that do not meet the target stay NaN.
 
-    The target is one of ``K_p`` if `which` is 1, of ``K_r`` if 2, and none if 0.
+    The target is one of ``K_p`` if `which` is 1, of ``K_r`` if 2.
     """
     for i in range(first, last):
         if stop[0]:
             return
         for k in range(max_draws):
             u = uniforms(seed, word, samples[i], k)
-            if which > 0:
-                gamma, f_sd, theta, phi, xi = _drawn_parameters(u, ranges)
-                alpha, beta = _shell_dumbbell(gamma, f_sd)
-                coefficients = _torque_coefficients(alpha, beta, theta, phi, xi)
-                if abs(coefficients[1 + which] - target) > rel_tol * target:
-                    continue
-            for row in range(len(points)):
-                points[row, i] = u[row]
-            break
+            gamma, f_sd, theta, phi, xi = _drawn_parameters(u, ranges)
+            alpha, beta = _shell_dumbbell(gamma, f_sd)
+            coefficients = _torque_coefficients(alpha, beta, theta, phi, xi)
+            if not abs(coefficients[1 + which] - target) > rel_tol * target:
+                for row in range(len(points)):
+                    points[row, i] = u[row]
+                break
 
 
-@njit(nogil=True)
+@register_jitable(nogil=True)
 def uniforms(seed, word, sample, draw):
-    """Return eight numbers in [0, 1)."""
+    """Return eight numbers in [0, 1), or arrays of them for an array of samples."""
     key0 = np.uint64(seed)
     key1 = np.uint64(word)
     number = np.uint64(sample)
@@ -502,7 +497,7 @@ def uniforms(seed, word, sample, draw):
     return _philox(key0, key1, first, number) + _philox(key0, key1, second, number)
 
 
-@njit(nogil=True)
+@register_jitable(nogil=True)
 def _philox(key0, key1, c0, c1):
     """Return four numbers in [0, 1) for a key and a counter of 64-bit words."""
     c2 = c3 = np.uint64(0)
@@ -516,14 +511,14 @@ def _philox(key0, key1, c0, c1):
         key0 += _W0
         key1 += _W1
     return (
-        float(c0 >> _SHIFT) * _UNIT,
-        float(c1 >> _SHIFT) * _UNIT,
-        float(c2 >> _SHIFT) * _UNIT,
-        float(c3 >> _SHIFT) * _UNIT,
+        (c0 >> _SHIFT) * _UNIT,
+        (c1 >> _SHIFT) * _UNIT,
+        (c2 >> _SHIFT) * _UNIT,
+        (c3 >> _SHIFT) * _UNIT,
     )
 
 
-@njit(nogil=True)
+@register_jitable(nogil=True)
 def _multiply(a, b):
     """Return the high and the low word of the product of two 64-bit words."""
     a_high = a >> _HALF

@@ -4,8 +4,8 @@ Every turn looks at all lanes at once, by a glance at the middle of their steps,
 follows functions through long ones (`look.inside`).  A lane whose step may hold
 something new is watched: the step is then searched (`event.zeros`).
 
-:func:`look_within` is a part that is compiled for each model and called by its address
-(`kernel.turn`), and only loaded where a contact, reversals or marks are recorded.
+What looks at a word of `record` is a part (:data:`LOOKS`), compiled for each model and
+called by its address (`kernel.turn`).  It is only loaded where this word is recorded.
 """
 
 # mypy: ignore-errors
@@ -20,10 +20,6 @@ from rattlesweep.kernel.state.fields import Flag, Number, Peak
 from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.physics.full import FASTMATH
 
-# When lanes are looked at: before lanes that slide replace what was tried on them, and
-# after it.
-ROLLED, STEPPED = 0, 1
-
 
 class LookFields:
     """What a look tells of the step tried."""
@@ -32,21 +28,6 @@ class LookFields:
     # Of no lane: what is seen of a long step at places side by side (`look.inside`).
     seen_first: Number
     seen_second: Number
-
-
-def look_within(problem, w, stage, wanted, marks):
-    """Look into the steps tried on all lanes, at a stage of the turn.
-
-    ``wanted`` has the bits of extremes that are recorded, and whether their searches
-    may be put off; ``marks`` has the times of marks.  Without runs, none are looked
-    for.
-    """
-    if stage == ROLLED:
-        extremes.observe_contact(problem, w, wanted & extremes.LATER != 0)
-        return
-    extremes.observe(problem, w, wanted)
-    if marks.shape[0] > 0:
-        observe_marks(problem, w, marks)
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -87,3 +68,13 @@ def observe_marks(problem, w, marks):
                     due += 1 << k
         lane.marks_due = due
         lane.watched += due
+
+
+def look_at_marks(problem, w, stage, may_put_off, marks):
+    """Look at marks in the steps tried on all lanes; ``marks`` has their times."""
+    if stage == extremes.STEPPED:
+        observe_marks(problem, w, marks)
+
+
+# What looks at the words of `record`, by the word.
+LOOKS = extremes.LOOKS | {"marks": look_at_marks}

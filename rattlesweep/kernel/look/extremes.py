@@ -31,13 +31,11 @@ from rattlesweep.kernel.state.fields import (
 from rattlesweep.kernel.state.lane import lane_of, recorded
 from rattlesweep.kernel.state.ways import steps_in_rack
 from rattlesweep.physics.full import FASTMATH, TINY, scalar
-from rattlesweep.words.watched import EXTREME_WORDS, ExtremeName
+from rattlesweep.words.watched import ExtremeName
 
-# Words of `record` for which extremes are searched, and their bits in what is wanted.
-OF_EXTREMES = *EXTREME_WORDS, "reversals"
-CONTACT, REVERSALS = 1, 2
-# The bit of searches that may be put off to the end of a run.
-LATER = 4
+# When lanes are looked at: before lanes that slide replace what was tried on them, and
+# after it.
+ROLLED, STEPPED = 0, 1
 
 
 class ExtremeFields:
@@ -107,13 +105,6 @@ def start_extremes(lane):
 
 
 @njit(**INNER)
-def wanted(recording):
-    """Return which extremes are recorded, as bits."""
-    bits = CONTACT if recorded(recording.contact) else 0
-    return bits + (REVERSALS if recorded(recording.reversals) else 0)
-
-
-@njit(**INNER)
 def advance(problem, w, recording):
     """Let the ends of the steps that are taken count, and be the starts of the next.
 
@@ -130,20 +121,6 @@ def store(lane, run, recording):
         note_contact(lane)
         recording.contact[run, 0, 0] = lane.ratio_max
         recording.contact[run, 0, 1] = lane.normal_min
-
-
-@njit(**INNER)
-def observe(problem, w, wanted_bits):
-    """Look into the steps just tried on all lanes, for the extremes that are wanted.
-
-    A step that may hold one is watched.  The contact has been observed already
-    (:func:`observe_contact`), before lanes that slide replace what was tried on them.
-    """
-    if wanted_bits & CONTACT != 0:
-        follow_contact(problem, w)
-    if wanted_bits & REVERSALS != 0:
-        observe_spin(problem, w)
-        follow_spin(problem, w)
 
 
 # The contact forces at the ends of steps.
@@ -323,6 +300,14 @@ def follow_contact(problem, w):
             lane.watched += 1.0
 
 
+def look_at_contact(problem, w, stage, may_put_off, marks):
+    """Look at the contact in the steps tried on all lanes, at a stage of the turn."""
+    if stage == ROLLED:
+        observe_contact(problem, w, may_put_off)
+        return
+    follow_contact(problem, w)
+
+
 @njit(**INNER)
 def is_followed(lane):
     """Return whether the step tried is long, and not one of a search for peaks."""
@@ -399,7 +384,7 @@ def may_be_far(lane):
 
 @njit(**INNER)
 def observe_spin(problem, w):
-    """Compute which steps tried may complete a turn or hold its largest spin."""
+    """Compute which steps tried may hold the largest spin of a turn."""
     widest_vectors()
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
@@ -413,8 +398,7 @@ def observe_spin(problem, w):
         is_long = inside.is_long(lane)
         lane.turn_peak = inside.peak_if(rises, seen)
         lane.inside = 1.0 if may_turn & is_long else 0.0
-        is_due = may_be_far(lane) | (rises & (not is_long))
-        lane.watched += 1.0 if is_due else 0.0
+        lane.watched += 1.0 if rises & (not is_long) else 0.0
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -429,6 +413,13 @@ def follow_spin(problem, w):
         lane.turn_peak = inside.follow(lane, beyond, inside.TURN, most)
         if lane.turn_peak.h > 0.0:
             lane.watched += 1.0
+
+
+def look_at_turns(problem, w, stage, may_put_off, marks):
+    """Look at the spin between reversals in the steps tried on all lanes."""
+    if stage == STEPPED:
+        observe_spin(problem, w)
+        follow_spin(problem, w)
 
 
 @scalar
@@ -481,6 +472,9 @@ EXTREMES = (
     Extreme(turn_tried, turn_peak, by_one, keep_turn),
 )
 """The extremes, in the order in which they are searched."""
+
+# What looks at them, by the word of `record`.
+LOOKS = {"contact": look_at_contact, "reversals": look_at_turns}
 
 tried_of, peak_of, scale_of, keep_of = (
     choice(dict(enumerate(functions)), inline=True)

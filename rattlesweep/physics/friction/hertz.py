@@ -15,9 +15,6 @@ The mean distance from the middle, weighted by the pressure, is ``<r> = 3 a E/8`
 from math import cbrt, exp, log, pi
 from typing import NamedTuple
 
-from scipy.optimize import brentq
-from scipy.special import elliprd, elliprf, elliprg
-
 
 class Ellipse(NamedTuple):
     """A patch of contact: half axes, approach and mean radius in m, pressure in Pa."""
@@ -41,6 +38,10 @@ def ellipse(force: float, radii: tuple[float, float], modulus: float) -> Ellipse
     modulus : float
         Contact modulus ``E*`` in Pa.
     """
+    # SciPy takes long to import.
+    from scipy.optimize import brentq
+    from scipy.special import elliprd, elliprf, elliprg
+
     smaller, larger = sorted(radii)
     log_ratio = log(larger / smaller)
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.spatial import Delaunay
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.physics.mesh.solid import Solid
@@ -97,6 +95,8 @@ def twist_of(skew: float, slenderness: float) -> float:
     An outline at the depth ``s`` counts by ``(1 - s^2)^2`` in the moments of inertia.
     Raises a ValueError if no twist gives such a skew.
     """
+    from scipy.optimize import brentq
+
     if skew == 0:
         return 0.0
     nodes, shares = np.polynomial.legendre.leggauss(40)
@@ -148,6 +148,8 @@ def _lid(
     Neighbours on a circle that has no point inside are neighbours in the triangulation
     of Delaunay, so that each pocket is a hole in it.
     """
+    from scipy.spatial import Delaunay
+
     places = [vertices[edge, :2]]
     # Which pocket a point of the flat side belongs to; -1: to its edge.
     owner = [np.full(len(edge), -1)]

@@ -14,8 +14,6 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.physics.mesh.sheets import sheets_at
@@ -205,6 +203,10 @@ def _labels(solid: Solid) -> Integers:
 
 def _joined(count: int, first: Integers, second: Integers) -> Integers:
     """Return the number of the set of each thing, from pairs that are in one set."""
+    # SciPy takes long to import.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     links = coo_array((np.ones(len(first), bool), (first, second)), (count, count))
     _, label = connected_components(links, directed=False)
     return np.asarray(label, dtype=np.int64)
