@@ -249,8 +249,7 @@ def climb(
 def independent(case: dict) -> float:
     """Return the first reversal of a case by the vector program of the tests, in s."""
     sys.path.insert(0, str(ROOT / "tests" / "helpers"))
-    import pivot_oracle
-    import slide_oracle
+    import friction_oracle
     import stone_oracle
 
     from rattlesweep import Rattleback
@@ -269,12 +268,13 @@ def independent(case: dict) -> float:
     mu = case["plane"]["friction"]
     if mu is not None:
         body = Rattleback(**parameters)
-        found = slide_oracle.run(body, u, omega, 1.1 * expected, mu, rtol=1e-11)
+        options = {"mu": mu, "rtol": 1e-11, "through": False}
+        found = friction_oracle.run(body, u, omega, 1.1 * expected, **options)
         return unit * found.t_r
     if "pivot" in case["plane"]["losses"]:
         body = Rattleback(**parameters)
         lever = case["plane"]["losses"]["pivot"]["value"] / case["body"]["height"]
-        found = pivot_oracle.run(body, u, omega, 1.02 * expected, lever, rtol=1e-12)
+        found = friction_oracle.run(body, u, omega, 1.02 * expected, lever, rtol=1e-12)
         return unit * found.t_r
     path = stone_oracle.follow(parameters, u, omega, 1.02 * expected)
     above = case["expected"]["counts_above"] * unit

@@ -91,7 +91,7 @@ def integrate(
     max_steps : int
         Number of steps after which a run ends with `Status.STEP_LIMIT`.
     record : frozenset of str
-        Further observations: names of :data:`RECORDINGS` and of marks, and
+        Further observations: names of `recipes.RECORDINGS` and of marks, and
         ``spectrum``.
     cost : ndarray, shape (runs,), optional
         Expected cost of the runs in any unit, by default from their horizons.  The most
@@ -110,8 +110,12 @@ def integrate(
     settings = BatchSettings(tol, dt, max_steps, record, threads)
     if "spectrum" in record and longest_step is None:
         longest_step = longest_frame_steps(batch, tableau, tol)
-    longest = np.full(len(batch), np.inf) if longest_step is None else longest_step
-    price = batch.t_end * batch.swing if cost is None else cost.astype(float)
+    longest = longest_step
+    if longest is None:
+        longest = np.full(len(batch), np.inf)
+    price = batch.t_end * batch.swing
+    if cost is not None:
+        price = cost.astype(float)
 
     groups = by_own_model(batch, model)
     shares = [len(rows) / max(1, len(batch)) for rows, _ in groups]
@@ -149,7 +153,9 @@ def by_own_model(batch: Batch, model: Model) -> list[tuple[Places, Model]]:
     kinds, kind_of = np.unique(is_zero, axis=1, return_inverse=True)
     groups = []
     for k, zero in enumerate(kinds.T):
-        own = model.without(names[zero]) if zero.any() else model
+        own = model
+        if zero.any():
+            own = model.without(names[zero])
         groups.append((np.flatnonzero(kind_of.ravel() == k), own))
     return groups
 

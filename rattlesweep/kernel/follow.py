@@ -108,8 +108,11 @@ def record_steps(
     ended = False
     while True:
         if accepted:
-            steps[row, T] = lane.t_end if last else lane.t
-            steps[row, T_LOW] = 0.0 if last else lane.t_low
+            steps[row, T] = lane.t
+            steps[row, T_LOW] = lane.t_low
+            if last:
+                steps[row, T] = lane.t_end
+                steps[row, T_LOW] = 0.0
             if traits.sense != NO_ROW:
                 steps[row, SENSE] = w[traits.sense * problem.lanes]
             count = traits.n_state
@@ -365,7 +368,9 @@ class Follower:
         self._batch = batch
         self.constants = model.named(batch.constants[0])
         tableau = self._tableau
-        self._models = [model, model.with_attitude] if attitude else [model]
+        self._models = [model]
+        if attitude:
+            self._models.append(model.with_attitude)
         rimmed = batches.can_reach_rim(batch, model)
         record: Order = (steps_recipe,)
         after: Order = (states_recipe,)
@@ -594,7 +599,10 @@ class Follower:
 
     def _continue(self) -> None:
         """Go on to the next stretch."""
-        stretch = self._ahead.popleft() if self._ahead else self._integrate()
+        if self._ahead:
+            stretch = self._ahead.popleft()
+        else:
+            stretch = self._integrate()
         table = stretch.steps
         rows = len(table)
         self._table = table
@@ -622,7 +630,9 @@ class Follower:
     def _trusted(self, drift: float, t_end: float) -> Status:
         """Return the status that a sweep gives to a run that has reached its end."""
         if not abs(drift) <= runs.MAX_ENERGY_DRIFT:
-            return Status.ENERGY if np.isfinite(drift) else Status.NONFINITE
+            if np.isfinite(drift):
+                return Status.ENERGY
+            return Status.NONFINITE
         tableau = self._tableau
         relevant = self._batch.relevant
         if tableau.adaptive or not batches.is_coarse(

@@ -182,8 +182,12 @@ def parts_of(
 ) -> list[Order | None]:
     """Return the parts of a model by their indices, None for one that is not called."""
     # Steps integrate the rate of phase volume as well if it is recorded.
-    extra = ("volume",) if "volume" in record else ()
-    rim = ("rimmed",) if rimmed else ()
+    extra: tuple[()] | tuple[str] = ()
+    if "volume" in record:
+        extra = ("volume",)
+    rim: tuple[()] | tuple[str] = ()
+    if rimmed:
+        rim = ("rimmed",)
     traits = traits_for(tableau, model, rimmed=rimmed)
     parts: list[Order | None] = [None] * turn.N_PARTS
     parts[turn.ATTEMPT] = attempt_recipe, tableau.name, model.name, *extra

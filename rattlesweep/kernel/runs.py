@@ -432,7 +432,9 @@ def start(problem, traits, w, l, run, inputs):
     lane.window_end = lane.window
     lane.next = min(lane.comparison, lane.window)
     lane.t_zero = lane.t_pending = lane.t_crossed = -1.0
-    lane.awaited = lane.far if lane.arm > 0.0 else NEVER
+    lane.awaited = NEVER
+    if lane.arm > 0.0:
+        lane.awaited = lane.far
     if lane.first_step >= lane.t_end:
         lane.last = 1.0
     lane.h = lane.h_next = min(lane.first_step, lane.t_end)
@@ -514,7 +516,9 @@ def finish(problem, traits, w, l, status, reversal, t, outputs, recording):
     include_end(lane)
     if t - lane.window_no * lane.window > 0.9 * lane.window:
         close_window(lane, run, recording)
-    t_r = t if reversal and status == OK and not is_dead(lane) else nan
+    t_r = nan
+    if reversal and status == OK and not is_dead(lane):
+        t_r = t
     if recorded(recording.reversals):
         note_turn(lane, recording.reversals)
     # A failure after the first zero leaves it valid, unless the energy has drifted.
@@ -528,11 +532,15 @@ def finish(problem, traits, w, l, status, reversal, t, outputs, recording):
     result = outputs.results[run]
     result["t_end"] = t
     result["t_r"] = t_r
-    # Without the rounding errors of the state, so that rows tell it is held.
-    result["n_end"] = 0.0 if keeps_zero(lane) else n
+    result["n_end"] = n
+    if keeps_zero(lane):
+        # Without the rounding errors of the state, so that rows tell it is held.
+        result["n_end"] = 0.0
     result["energy_drift"] = drift
-    # The first comparison only sets the reference.
-    result["amp_growth"] = sqrt(lane.growth) - 1.0 if lane.compared > 1.0 else nan
+    result["amp_growth"] = nan
+    if lane.compared > 1.0:
+        # The first comparison only sets the reference.
+        result["amp_growth"] = sqrt(lane.growth) - 1.0
     lost = min(lane.n_least, lane.sign * n) / abs(lane.n_launch)
     result["n_departure"] = 1.0 - lost
     result["energy_0"] = energy0

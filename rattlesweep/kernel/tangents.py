@@ -30,6 +30,7 @@ OF_FRAME = N_WINDOWS + N_COMPARISONS, 1 + N_GROWTHS  # shape of the table
 FLOW_GROWTH, ENERGY_GROWTH = 4, 5
 # The norm of a tangent stays between 2^-SHIFT and 2^SHIFT.
 SHIFT = 200
+TAKEN_OUT = float(SHIFT)
 LOG_2 = log(2.0)
 SHORTER = 2.0**-SHIFT
 LONGER = 2.0**SHIFT
@@ -104,8 +105,8 @@ def advance_tangent(problem, w):
         size = problem.model.square(lane.v, lane.constants)
         factor = SHORTER if size > LONG else 1.0
         factor = LONGER if size < SHORT else factor
-        out = 1.0 * SHIFT if size > LONG else 0.0
-        out = -1.0 * SHIFT if size < SHORT else out
+        out = TAKEN_OUT if size > LONG else 0.0
+        out = -TAKEN_OUT if size < SHORT else out
         p, q, a, b, c = lane.v
         lane.v = p * factor, q * factor, a * factor, b * factor, c * factor
         p, q, a, b, c = lane.g
@@ -149,8 +150,8 @@ def _scaled(length):
     """Return a growth with a power of two taken out, and its exponent."""
     factor = SHORTER if length > LONGER else 1.0
     factor = LONGER if length < SHORTER else factor
-    out = 1.0 * SHIFT if length > LONGER else 0.0
-    out = -1.0 * SHIFT if length < SHORTER else out
+    out = TAKEN_OUT if length > LONGER else 0.0
+    out = -TAKEN_OUT if length < SHORTER else out
     return length * factor, out
 
 

@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 
 import numba
 from numba import config
@@ -46,7 +46,10 @@ def holding(threads: int) -> Iterator[None]:
     if not parallel():
         yield
         return
-    with _workqueue if numba.threading_layer() == "workqueue" else nullcontext():
+    own: AbstractContextManager[object] = nullcontext()
+    if numba.threading_layer() == "workqueue":
+        own = _workqueue
+    with own:
         before = numba.get_num_threads()
         numba.set_num_threads(threads)
         try:

@@ -86,7 +86,9 @@ def drifting_parts(
         v, x, is_sure = creep.drift(u, omega, turned, r, w, normal, lever, mu, applied)
         share = creep.share_of_torque(x)
         # The plane holds a spin with any torque up to that of the patch.
-        less = torque * (share - 1.0) if sense != 0.0 else 0.0
+        less = 0.0
+        if sense != 0.0:
+            less = torque * (share - 1.0)
         more, solver, det = creep.turned_by(r, v, inertia)
         there = turned_by(y, more, 1.0)
         rates, _, _, _, w_now, _ = locate(contact, there, shape)

@@ -214,7 +214,9 @@ class Model:
         """Return the model of bodies that have zero for some constants of a model."""
         if self.strengths:
             given = [name for name in self.strengths if name not in names]
-            return reduced_model(["pivot"] if "lever" in given else given)
+            if "lever" in given:
+                given = ["pivot"]
+            return reduced_model(given)
         assert self.chart is not None
         assert self.surface is not None
         left = [each for each in self.actions if each.strength not in names]
@@ -281,7 +283,9 @@ def name_of(
 ) -> str:
     """Return the name of a composition, from which `find_model` composes it."""
     name = surface.model
-    implied = [VISCOUS] if len(actions) > 1 else []
+    implied = []
+    if len(actions) > 1:
+        implied = [VISCOUS]
     if chart is ANYWHERE:
         name = chart.name
         implied = [VISCOUS, ROLLING]
@@ -378,7 +382,9 @@ def _composed(
     # Steps that are implicit carry nothing.
     if surface.carried is not None and chart is SLOPES and model.stiffness is None:
         model = _with_carried(model, surface, rhs_on)
-    return _with_tangents(model, tangents) if tangents else model
+    if tangents:
+        model = _with_tangents(model, tangents)
+    return model
 
 
 def _constants(
@@ -393,7 +399,9 @@ def _constants(
 
 def _components(chart: Chart, actions: Collection[Action]) -> tuple[str, ...]:
     """Return the names of the components: place, works, those of actions."""
-    works = ["work"] if actions else []
+    works = []
+    if actions:
+        works = ["work"]
     # That of pivoting follows the work of all, as modes and fast equations have it.
     for action in sorted(actions, key=lambda each: not each.pivots):
         if action.own_work is not None:

@@ -48,7 +48,7 @@ class Placed(NamedTuple):
 class Slide:
     """What a model needs for sliding.
 
-    Formulas take tuples as those of :class:`Model` do.  The coefficient of friction is
+    Formulas take tuples as those of `model.Model` do.  The coefficient of friction is
     a further constant of a run, after ``constants``.
     """
 
@@ -135,7 +135,9 @@ def _slid_works(
         if action.slid_power is not None:
             derivative = _with_slid_power(derivative, action.slid_power)
     further = own_rates(acting, layout)
-    return derivative if further is None else _with_slid_rates(derivative, further)
+    if further is not None:
+        derivative = _with_slid_rates(derivative, further)
+    return derivative
 
 
 def _with_slid_power(before: Formula, power: Formula) -> Formula:

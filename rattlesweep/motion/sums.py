@@ -106,7 +106,9 @@ class ActionSum:
                 for action in actions
                 if getattr(action, name) is not None
             ]
-            return reduce(two, formulas) if formulas else none
+            if not formulas:
+                return none
+            return reduce(two, formulas)
 
         return cls(
             tuple(actions),
@@ -219,7 +221,9 @@ def own_rates(acting: ActionSum, layout: Numbering) -> Formula | None:
     ]
     if acting.rates is not None:
         rates.append(_of_components(acting.rates))
-    return reduce(_one_after_other, rates) if rates else None
+    if not rates:
+        return None
+    return reduce(_one_after_other, rates)
 
 
 def _one_after_other(one: Formula, other: Formula) -> Formula:

@@ -444,7 +444,9 @@ PRESETS: dict[str, Callable[[], Rattleback]] = {
 
 def _of_earth(gravity: float | str) -> object:
     """Return a gravity, or its default as a number in SI units."""
-    return InSI(gravity) if gravity == si.GRAVITY else gravity
+    if gravity == si.GRAVITY:
+        return InSI(gravity)
+    return gravity
 
 
 def _require_number(name: str, value: Any) -> None:

@@ -105,4 +105,6 @@ def _first_balance(
     balance = Polynomial([0.0, damping]) * above * below - torque * (above + below)
     roots = balance.roots()
     real = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)]
-    return float(real.min()) if real.size else math.nan
+    if not real.size:
+        return math.nan
+    return float(real.min())

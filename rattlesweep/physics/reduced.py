@@ -129,7 +129,9 @@ def pivot(y, constants):
     k_p, k_r = constants[:2]
     lever, sense = constants[-2:]
     held = k_p * e_p - k_r * e_r
-    torque = held if sense == 0.0 else -lever * sense
+    torque = -lever * sense
+    if sense == 0.0:
+        torque = held
     return torque, 1.0, 1.0
 
 

@@ -66,7 +66,10 @@ def contact_under(u, shape):
     rho = sqrt(uz * uz + k * s)
     # Nothing cancels in the first form if u_z < 0, also for k = 0, nor in the second
     # otherwise.
-    rise = s / (rho * (rho - uz)) if uz < 0.0 else (1.0 + uz / rho) / k
+    if uz < 0.0:
+        rise = s / (rho * (rho - uz))
+    else:
+        rise = (1.0 + uz / rho) / k
     return (-bx / rho, -by / rho, 1.0 - rise), rho
 
 

@@ -2,7 +2,7 @@
 
 Run ``python tests/helpers/exact_slide.py FILE``; it takes a few minutes.  The body
 rolls from a given state until its foot slips, and slides until its foot holds.  Steps
-are those of Radau's methods of order 2 s - 1, which `slide_oracle` takes with s = 3;
+are those of Radau's methods of order 2 s - 1, which `friction_oracle` takes with s = 3;
 Newton's method runs in 50 digits with derivatives in double precision.
 """
 
@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import contact_mechanics as mechanics
+import friction_oracle
 import numpy as np
-import slide_oracle
+from contact_mechanics import LOG_SPEED, N_ROLLING, N_SLIDING, Body, Stone
 from mpmath import findroot, lu_solve, matrix, mp, mpf
 from numpy.polynomial.legendre import legroots
-from slide_oracle import Body, Stone
 
 DIGITS = 50
 GH = Body(13.04, 1.522, 12.28, 0.6429, 0.0360, -0.030019663134302467)
@@ -112,6 +113,14 @@ def step(tableau, exact, double, y, h):
     raise ArithmeticError(f"Newton's method stops at {mp.nstr(largest, 3)}")
 
 
+def rolling(stone, y):
+    """Return the rates of a state that rolls."""
+    u = tuple(y[:3])
+    omega = tuple(y[3:6])
+    forces = mechanics.rolling_forces(stone, u, omega, 0)
+    return mechanics.rolling_rates(stone, y, forces)
+
+
 class Slider:
     """Follows one slide in many digits."""
 
@@ -131,14 +140,14 @@ class Slider:
             mu=mpf(mu),
             sigma=mpf(0),
         )
-        self.in_double = slide_oracle.stone_of(body, mu)
+        self.in_double = mechanics.stone_of(body, mu)
         self.tableau = radau(stages)
         self.steps = steps  # how many steps are taken in place of one
 
     def rolled(self, y, time):
         """Return a state that has rolled for a time, in steps of at most 0.05."""
-        exact = partial(slide_oracle.rolling_rates, self.stone)
-        double = partial(slide_oracle.rolling_rates, self.in_double)
+        exact = partial(rolling, self.stone)
+        double = partial(rolling, self.in_double)
         count = max(1, int(mp.ceil(abs(time) / mpf("0.05")))) * self.steps
         for _ in range(count):
             y = step(self.tableau, exact, double, y, time / count)
@@ -148,7 +157,7 @@ class Slider:
         """Return when the foot slips, and the state a moment later, as it slides."""
 
         def grip(time):
-            return slide_oracle.grip(self.stone, self.rolled(y, time))
+            return mechanics.grip(self.stone, self.rolled(y, time), 1)
 
         begin = mp.findroot(grip, (guess, guess + mpf("1e-6")), tol=mpf(10) ** -60)
         y = self.rolled(y, begin)
@@ -156,75 +165,75 @@ class Slider:
         # power.
         moment = mpf("1e-9")
         y = self.rolled(y, moment)
-        (_, s), *_ = slide_oracle.outgoing(self.in_double, [float(x) for x in y])
+        (_, s, _), *_ = friction_oracle.outgoing(self.in_double, list(map(float, y)), 1)
         s = self.direction(y, s)
         slides = self.slide_rates(s, y)
-        rolls = slide_oracle.rolling_rates(self.stone, y)
-        _, pull, _ = slide_oracle.slip(self.stone, y, s)
-        speed = moment * slide_oracle.dot(pull, s) / 2
+        rolls = rolling(self.stone, y)
+        _, pull, _ = friction_oracle.leaving_forces(self.stone, y, 1, s)
+        speed = moment * mechanics.dot(pull, s) / 2
         y = [
             value + moment * (a - b) / 2
             for value, a, b in zip(y, slides, rolls, strict=True)
         ]
-        return begin, begin + moment, [*y, *s, mp.log(speed)]
+        return begin, begin + moment, [*y, mechanics.spin(y), *s, mp.log(speed)]
 
     def slide_rates(self, s, y):
         """Return the rates of a foot that begins to slide."""
-        u = tuple(y[:3])
-        contact = slide_oracle.contact_of(self.stone, u, tuple(y[3:6]))
-        _, force, _ = slide_oracle.sliding_force(self.stone, contact, u, s)
-        return [*contact.du, *contact.turn(force), mpf(0), mpf(0)]
+        forces, _, _ = friction_oracle.leaving_forces(self.stone, y, 1, s)
+        return [*forces.contact.du, *forces.turn, mpf(0), mpf(0), mpf(0)]
 
     def direction(self, y, s):
         """Return the direction in which the pull has no part across."""
         u = tuple(y[:3])
-        first = slide_oracle.cross(u, tuple(mpf(float(x)) for x in s))
-        length = mp.sqrt(slide_oracle.dot(first, first))
-        across = slide_oracle.times(1 / length, first)
-        along = slide_oracle.cross(across, u)
+        first = mechanics.cross(u, tuple(mpf(float(x)) for x in s))
+        length = mp.sqrt(mechanics.dot(first, first))
+        across = mechanics.times(1 / length, first)
+        along = mechanics.cross(across, u)
 
         def turned(angle):
-            return slide_oracle.plus(
-                slide_oracle.times(mp.cos(angle), along),
-                slide_oracle.times(mp.sin(angle), across),
+            return mechanics.plus(
+                mechanics.times(mp.cos(angle), along),
+                mechanics.times(mp.sin(angle), across),
             )
 
         def strays(angle):
             s = turned(angle)
-            _, pull, _ = slide_oracle.slip(self.stone, y, s)
-            return slide_oracle.dot(pull, slide_oracle.cross(u, s))
+            _, pull, _ = friction_oracle.leaving_forces(self.stone, y, 1, s)
+            return mechanics.dot(pull, mechanics.cross(u, s))
 
         angle = mp.findroot(strays, (mpf(0), mpf("1e-9")), tol=mpf(10) ** -70)
         return turned(angle)
 
     def slid(self, t, y):
         """Return the end of a slide and the state there."""
-        exact = partial(slide_oracle.rates_in_time, self.stone, exp=mp.exp)
-        double = partial(slide_oracle.rates_in_time, self.in_double, exp=np.exp)
+        exact = partial(mechanics.rates_in_time, self.stone, exp=mp.exp)
+        double = partial(mechanics.rates_in_time, self.in_double, exp=np.exp)
         begin = t - mpf("1e-9")
-        quickest = y[11]
-        while y[11] > quickest - 1:
+        quickest = y[LOG_SPEED]
+        while y[LOG_SPEED] > quickest - 1:
             h = min((t - begin) / 4, mpf("0.02"))
             y, t = self.steps_of(exact, double, y, t, h)
-            quickest = max(quickest, y[11])
+            quickest = max(quickest, y[LOG_SPEED])
 
         def exact_slow(y):
-            rates, speed = slide_oracle.sliding_rates(self.stone, y[:12], mp.exp)
+            rates, speed = mechanics.sliding_rates(self.stone, y[:N_SLIDING], mp.exp)
             return [*rates, speed]
 
         def double_slow(y):
-            rates, speed = slide_oracle.sliding_rates(self.in_double, y[:12], np.exp)
+            rates, speed = mechanics.sliding_rates(
+                self.in_double, y[:N_SLIDING], np.exp
+            )
             return [*rates, speed]
 
         y = [*y, t]
-        while y[11] > -60:
+        while y[LOG_SPEED] > -60:
             for _ in range(self.steps):
                 y = step(self.tableau, exact_slow, double_slow, y, mpf(1) / self.steps)
         # What is left is a straight line.
         rates = exact_slow(y)
-        rest = -1 / rates[11]
+        rest = -1 / rates[LOG_SPEED]
         y = [value + rest * rate for value, rate in zip(y, rates, strict=True)]
-        return y[12], y[:8]
+        return y[N_SLIDING], y[:N_ROLLING]
 
     def steps_of(self, exact, double, y, t, h):
         for _ in range(self.steps):
@@ -238,7 +247,7 @@ NAMES = ("begin", "end", "u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z", "
 def followed(stages, steps=1):
     """Return the numbers of the slide: begin, end, and state and work at the end."""
     slider = Slider(GH, MU, stages, steps)
-    y = [mpf(value) for value in (*START, 0.0, 0.0)]
+    y = [mpf(value) for value in (*START, 0.0, 0.0, 0.0)]
     begin, t, y = slider.begin(y, mpf("0.1438"))
     end, y = slider.slid(t, y)
     return [begin, end, *y[:7]]

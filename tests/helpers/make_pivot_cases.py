@@ -1,4 +1,4 @@
-"""Make `tests/physics/pivot_cases.json`: runs that rub, by `pivot_oracle` alone.
+"""Make `tests/physics/pivot_cases.json`: runs that rub, by `friction_oracle` alone.
 
 Run ``python tests/helpers/make_pivot_cases.py FILE``; it takes a few minutes.  A run is
 kept if two tolerances agree to `ACCEPTED` in every number, which is stored with its
@@ -9,11 +9,11 @@ import math
 import sys
 from pathlib import Path
 
+import friction_oracle
 import numpy as np
 import oracle
-import pivot_oracle
+from contact_mechanics import Body
 from make_slide_cases import keep
-from slide_oracle import Body
 
 SEED = 46
 LEVERS = (5e-4, 1e-3, 2e-3, 6e-3)
@@ -168,7 +168,7 @@ def followed(case, rtol):
     y = oracle.launch(case["body"], launch["n_i"], launch["omega_xy0"], launch["psi"])
     losses = dict(case["dissipation"])
     losses["mu"] = math.inf if losses["mu"] is None else losses["mu"]
-    run = pivot_oracle.run(
+    run = friction_oracle.run(
         Body(**case["body"]), y[:3], y[3:], case["t_end"], rtol=rtol, **losses
     )
     return {

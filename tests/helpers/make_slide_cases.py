@@ -1,4 +1,4 @@
-"""Make `tests/physics/slide_cases.json`: runs that slide, by `slide_oracle` alone.
+"""Make `tests/physics/slide_cases.json`: runs that slide, by `friction_oracle` alone.
 
 Run ``python tests/helpers/make_slide_cases.py FILE``; it takes about an hour.  A run is
 kept if two tolerances agree to 1e-7 in the reversal time and in everything else to the
@@ -11,10 +11,10 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import friction_oracle
 import numpy as np
 import oracle
-import slide_oracle
-from slide_oracle import Body
+from contact_mechanics import Body
 
 SEED = 38
 BODIES = 20
@@ -78,18 +78,23 @@ def followed(case, rtol):
     """Return the results of a launch at a tolerance."""
     body = Body(**case["body"])
     y = oracle.launch(case["body"], case["n_i"], case["omega_xy0"], case["psi"])
-    run = slide_oracle.run(
-        body, y[:3], y[3:], case["t_end"], case["mu"], case["sigma"], rtol=rtol
+    run = friction_oracle.run(
+        *(body, y[:3], y[3:], case["t_end"]),
+        mu=case["mu"],
+        sigma=case["sigma"],
+        rtol=rtol,
+        through=False,
     )
+    end = run.at_end
     return {
         "status": run.status,
-        "t_end": run.t,
+        "t_end": end.t,
         "t_r": run.t_r,
         "n_slides": len(run.slides),
         "t_slide": run.slides[0].begin if run.slides else None,
-        "slide_time": run.slide_time,
-        "slide_work": run.slide_work,
-        "energy": run.energy,
+        "slide_time": end.slide_time,
+        "slide_work": end.slide_work,
+        "energy": end.energy,
     }
 
 

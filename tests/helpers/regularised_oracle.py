@@ -1,6 +1,6 @@
 """Sliding by a regularised law, in the frame of the plane.
 
-This module shares no code with `rattlesweep` nor with `slide_oracle`.  A body is a
+This module shares no code with `rattlesweep` nor with `contact_mechanics`.  A body is a
 rotation matrix from the body to the plane, the position and the velocity of its centre
 of mass, and the angular momentum about it, all in the frame of the plane with z up.
 The friction is ``-mu N v / sqrt(v^2 + eps^2)`` with the velocity ``v`` of the body's

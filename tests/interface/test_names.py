@@ -88,6 +88,24 @@ def test_what_docstrings_and_comments_refer_to_is_there():
     assert seen > 100
 
 
+# Without a dot, a reference is to the module itself.
+OWN = re.compile(r":(?:func|data|class|meth|attr):`([A-Za-z_0-9]+)`")
+
+
+def test_references_without_a_module_are_to_their_own():
+    missing = []
+    seen = 0
+    for path in PACKAGE.rglob("*.py"):
+        source = path.read_text("utf-8")
+        names = _names_in(source)
+        for reference in OWN.findall(source):
+            seen += 1
+            if reference not in names:
+                missing.append(f"{path.relative_to(PACKAGE)}: {reference}")
+    assert missing == []
+    assert seen > 100
+
+
 def _names_in(source: str) -> set[str]:
     """Return all that a module defines, imports, or sets as an attribute."""
     names = set()

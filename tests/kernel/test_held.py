@@ -2,7 +2,8 @@
 
 import math
 
-import pivot_oracle
+import contact_mechanics
+import friction_oracle
 import pytest
 
 import rattlesweep as rs
@@ -31,7 +32,7 @@ LETTING_GO = rs.Rattleback(
 def test_the_end_of_a_rest_between_two_steps_is_found():
     psi = 1.5308550677218775
     omega = 0.1 * math.cos(psi), 0.1 * math.sin(psi), 0.1
-    wanted = pivot_oracle.run(LETTING_GO, DOWN, omega, 186.0, 0.004, rtol=1e-10)
+    wanted = friction_oracle.run(LETTING_GO, DOWN, omega, 186.0, 0.004, rtol=1e-10)
     for tol, near in ((1e-5, 1e-3), (1e-6, 1e-4), (1e-7, 1e-5), (1e-9, 1e-6)):
         run = rs.simulate(
             LETTING_GO, omega=omega, u=DOWN, pivot=0.004, t_end=250.0, tol=tol
@@ -45,8 +46,8 @@ def tap(body, omega, lever, t_end, **options):
 
 def critical_lever(body, omega):
     """Return the least lever that holds the spin of a tap from the launch on."""
-    stone = pivot_oracle.rubbed_stone(body, 1.0)
-    forces = pivot_oracle.holding_torque(stone, DOWN, omega)
+    stone = contact_mechanics.stone_of(body, pivot=1.0)
+    forces = contact_mechanics.holding_torque(stone, DOWN, omega)
     return abs(forces.torque) / forces.normal
 
 
@@ -57,7 +58,7 @@ def test_a_tap_that_is_back_at_zero_in_its_first_step_is_held(body, direction, s
     omega = 0.1 * math.cos(direction), 0.1 * math.sin(direction), 0.0
     lever = share * critical_lever(body, omega)
     run = tap(body, omega, lever, 2.0)
-    wanted = pivot_oracle.run(body, DOWN, omega, run.t_end, lever, rtol=1e-10)
+    wanted = friction_oracle.run(body, DOWN, omega, run.t_end, lever, rtol=1e-10)
     assert run.status == "ok"
     assert wanted.holds
     assert run.t_held == pytest.approx(wanted.holds[0][0], abs=1e-7)

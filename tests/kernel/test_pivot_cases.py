@@ -4,8 +4,9 @@ import json
 import math
 from pathlib import Path
 
+import contact_mechanics
+import hertz_patch
 import numpy as np
-import pivot_oracle
 import pytest
 
 import rattlesweep as rs
@@ -80,22 +81,22 @@ def test_short_rests_at_any_tolerance(tol):
 
 def needed_torque(row, body, lever, mu=math.inf):
     """Return the torque of the reference program at a row of a trajectory."""
-    stone = pivot_oracle.rubbed_stone(body, lever, mu)
+    stone = contact_mechanics.stone_of(body, mu, pivot=lever)
     u = row.u_x, row.u_y, row.u_z
     omega = row.omega_x, row.omega_y, row.omega_z
     if row.held:
-        return pivot_oracle.holding_torque(stone, u, omega).torque
+        return contact_mechanics.holding_torque(stone, u, omega).torque
     if not row.sliding:
         side = -lever * math.copysign(1.0, row.n)
-        return pivot_oracle.rolling_forces(stone, u, omega, side).torque
+        return contact_mechanics.rolling_forces(stone, u, omega, side).torque
     first = np.array([1.0, 0.0, 0.0]) - row.u_x * np.array(u)
     first /= np.linalg.norm(first)
     angle = row.slip_angle
     towards = math.cos(angle) * first + math.sin(angle) * np.cross(u, first)
-    side = -lever * pivot_oracle.rubbing_of(stone.patch * row.n / row.v_slip)
-    contact = pivot_oracle.contact_of(stone, u, omega)
+    side = -lever * hertz_patch.rubbing_of(stone.patch * row.n / row.v_slip)
+    contact = contact_mechanics.contact_of(stone, u, omega)
     # The foot moves, which the contact of a body that rolls leaves out.
-    forces, _, _ = pivot_oracle.sliding_forces(
+    forces, _, _ = contact_mechanics.sliding_forces(
         stone, contact, u, omega, tuple(towards), side
     )
     return forces.torque

@@ -1,4 +1,4 @@
-"""Runs that slide against those of an independent program, `slide_oracle`."""
+"""Runs that slide against those of an independent program, `friction_oracle`."""
 
 import json
 import math

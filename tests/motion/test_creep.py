@@ -1,7 +1,8 @@
 """Creep: a patch that pivots gives way to the force that rolls the body."""
 
+import contact_mechanics
+import creeping_patch
 import numpy as np
-import pivot_oracle
 import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
@@ -38,7 +39,7 @@ def under_the_whole_patch(n_i, push, lever, mu, t_end):
     """Return what becomes of such a launch under the whole law of the patch."""
     state = launched(n_i, push)
     patch = 16 * lever / (3 * np.pi * mu)
-    return pivot_oracle.crept(
+    return creeping_patch.crept(
         GH, state[:3], state[3:], t_end, mu, patch, rtol=1e-7, method="LSODA"
     )
 
@@ -109,8 +110,8 @@ def test_a_spin_that_the_whole_patch_holds_is_held():
     assert run.type == "D"
     spins = []
     for smoothest in (1e-4, 3e-5):
-        rates = pivot_oracle.patch_rates(
-            pivot_oracle.rubbed_stone(GH, lever, mu), smoothest
+        rates = creeping_patch.patch_rates(
+            contact_mechanics.stone_of(GH, mu, pivot=lever), smoothest
         )
         start = [*launched(n_i, push), 0, 0, 0, 0]
         followed = solve_ivp(rates, (0, 680), start, "LSODA", rtol=1e-7, atol=1e-10)
@@ -132,9 +133,9 @@ def test_a_spin_that_the_whole_patch_holds_is_held():
 def test_growth_rates_are_those_of_the_whole_patch(n_i, lever, mu, seen):
     """Those that were seen are of creep alone; the torque itself changes them, too."""
     relevant = 1 if n_i > 0 else 0
-    creep = pivot_oracle.growth_under_patch(GH, n_i, lever, mu, has_torque=False)
+    creep = creeping_patch.growth_under_patch(GH, n_i, lever, mu, has_torque=False)
     assert creep[relevant] == pytest.approx(seen, rel=2e-4)
-    both = pivot_oracle.growth_under_patch(GH, n_i, lever, mu)
+    both = creeping_patch.growth_under_patch(GH, n_i, lever, mu)
     torque = both[relevant] - creep[relevant]
     # For the roll this is up to 7 % of the growth, for the pitch 1 %.
     assert torque / (lever * n_i) == pytest.approx(-0.386, rel=0.02)

@@ -73,7 +73,9 @@ def store_mean(lane, casimir):
     k = MEANS + int(lane.casimir_turns)
     if k < casimir.shape[1]:
         count = lane.casimir_count
-        mean = lane.casimir_sum / count if count > 0.0 else nan
+        mean = nan
+        if count > 0.0:
+            mean = lane.casimir_sum / count
         casimir[int(lane.run), k, 0] = mean
     lane.casimir_sum = 0.0
     lane.casimir_count = 0.0

@@ -174,10 +174,11 @@ def _advance_contact(problem, w):
         lift_before = lane.lift0
         after = lane.ratio1
         lift_after = lane.lift1
+        force_after = -lift_after.value
         rises = moves & (after.value > most)
-        falls = moves & (-lift_after.value < least)
+        falls = moves & (force_after < least)
         lane.ratio_max = after.value if rises else most
-        lane.normal_min = -lift_after.value if falls else least
+        lane.normal_min = force_after if falls else least
         lane.ratio0 = Point(
             0.0,
             after.value if moves else before.value,

@@ -205,7 +205,8 @@ def glance_and_doubt(start, half, end, angle):
     peaks = (share > 0.0) | (rise > 0.0)
     peaks &= (share < 1.0) | (fall < 0.0)
     share = share if share > NEAR_END else NEAR_END
-    share = share if share < 1.0 - NEAR_END else 1.0 - NEAR_END
+    latest = 1.0 - NEAR_END
+    share = share if share < latest else latest
     square_angle = angle * angle
     slack = square_angle * (SLACK_OF_STATE + SLACK_OF_QUARTIC * square_angle)
     doubt = slack * (top - low) + OF_BUMP * abs(bump)
@@ -252,9 +253,13 @@ def excess_at(lane, beyond, share, kind, most):
         return -value
     if kind == TURN:
         n = model.spin(y)
-        return (n if lane.n1 > 0.0 else -n) - most
+        if lane.n1 > 0.0:
+            return n - most
+        return -n - most
     normal, tangential = model.contact(y, lane.constants)
-    return -normal - most if kind == LIFT else tangential - most * abs(normal)
+    if kind == LIFT:
+        return -normal - most
+    return tangential - most * abs(normal)
 
 
 class Seen(NamedTuple):
@@ -354,7 +359,9 @@ def peak_seen(lane, beyond, kind, most, seen):
         top + 0.5 * slope * move + unsure,
         bend / (unit * unit),
     )
-    enough = 0.0 if kind == MARK else least_above(most)
+    enough = 0.0
+    if kind != MARK:
+        enough = least_above(most)
     return peak_if(seen.value > enough, seen)
 
 

@@ -3,7 +3,7 @@
 A body rolls until the force that keeps its contact point at rest exceeds ``mu`` times
 the normal force; this is the limit of the model, whose zero the lanes find as they find
 others (`event.zeros`).  From there the lane slides: its steps are those of
-:func:`slide_lanes` and not of ``attempt``, in the same turns as those of the other
+`slots.slide_lanes` and not of ``attempt``, in the same turns as those of the other
 lanes, and everything that is observed at steps is observed as before.  It rolls again
 once the speed is zero and friction can hold the contact point, and otherwise slides on.
 

@@ -143,7 +143,7 @@ class BodyFields:
     constants: Constants
 
 
-def _rows_in(kind: types.Type) -> int:
+def rows_in(kind: types.Type) -> int:
     """Return the number of rows of a field of a Numba type."""
     if kind is types.float64:
         return 1
@@ -211,7 +211,7 @@ class Layout:
                 type_of_field = self._type_of(kind)
                 self.fields[name + suffix] = row, type_of_field
                 setattr(self, name + suffix, row)
-                row += _rows_in(type_of_field)
+                row += rows_in(type_of_field)
         return row
 
     def _rows_of_end(self, nouns: Sequence[type]) -> tuple[int, ...]:
@@ -221,7 +221,7 @@ class Layout:
             for name, kind in get_type_hints(noun, include_extras=True).items():
                 if get_origin(kind) is Annotated:
                     first, type_of_field = self.fields[name]
-                    rows += range(first, first + _rows_in(type_of_field))
+                    rows += range(first, first + rows_in(type_of_field))
         return tuple(rows)
 
     def _type_of(self, kind: object) -> types.Type:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from numba.core.pythonapi import _UnboxContext
     from numba.core.typing.templates import Signature
 from rattlesweep.compiling.intrinsics import DOUBLE, INNER, intrinsic
-from rattlesweep.kernel.state.fields import LANES, Layout, Point
+from rattlesweep.kernel.state.fields import LANES, Layout, Point, rows_in
 from rattlesweep.physics.full import scalar
 
 
@@ -186,7 +186,9 @@ class Problem:
             self.modes = modes
             self.tangents = tangents
         self.rack = rack  # `radau.Rack` of a model that slides
-        self.name = f"{model.name if model else 'any'}_{lanes}"
+        self.name = f"any_{lanes}"
+        if model is not None:
+            self.name = f"{model.name}_{lanes}"
         if rimmed:
             self.name += "_rimmed"
         self.lanes = lanes
@@ -307,14 +309,13 @@ class Lane:
         if kind is types.float64:
             return cells[row]
         values = tuple(cells[row : row + len(kind)])
-        return (
-            kind.instance_class(*values) if hasattr(kind, "instance_class") else values
-        )
+        if hasattr(kind, "instance_class"):
+            return kind.instance_class(*values)
+        return values
 
     def __setattr__(self, name: str, value: Any) -> None:
         row, kind = self.problem.layout.fields[name]
-        count = 1 if kind is types.float64 else len(kind)
-        vars(self)["cells"][row : row + count] = value
+        vars(self)["cells"][row : row + rows_in(kind)] = value
 
 
 class _Cells(NamedTuple):
@@ -337,7 +338,9 @@ class _Cells(NamedTuple):
 
     def product(self, number: float, row: int) -> ir.Value:
         value = self.read(row)
-        return value if number == 1.0 else self.builder.fmul(DOUBLE(number), value)
+        if number == 1.0:
+            return value
+        return self.builder.fmul(DOUBLE(number), value)
 
     def value(self, wanted: int | Sum) -> ir.Value:
         if isinstance(wanted, int):
@@ -368,7 +371,10 @@ class _Fields(AttributeTemplate):
     key = LaneType
 
     def generic_resolve(self, lane: LaneType, name: str) -> types.Type:
-        return lane.problem if name == "problem" else lane.field(name)[1]
+        if name == "problem":
+            return lane.problem
+        _, kind = lane.field(name)
+        return kind
 
 
 @extending.lower_getattr_generic(LaneType)
@@ -435,7 +441,9 @@ class Sum(NamedTuple):
         total = sum(products[1::2], start=0.0) + sum(products[::2], start=0.0)
         if self.factor is not None:
             total *= self.share * w[self.factor]
-        return total if self.row is None else w[self.row] + total
+        if self.row is not None:
+            total += w[self.row]
+        return total
 
 
 def sums(
@@ -453,7 +461,9 @@ def sums(
     components = []
     for i in range(count):
         shifted = tuple((number, row + stride * i) for row, number in terms.items())
-        row = None if start is None else start + i
+        row = start
+        if start is not None:
+            row = start + i
         components.append(Sum(row, shifted, factor, share))
     return components
 
@@ -473,10 +483,13 @@ def gather(
 
     def python(w: Floats, l: int) -> tuple[float, ...]:
         cells = w.reshape(-1, lanes)[:, l]
-        return tuple(
-            cells[value] if isinstance(value, int) else value.value(cells)
-            for value in wanted
-        )
+        numbers = []
+        for value in wanted:
+            if isinstance(value, int):
+                numbers.append(cells[value])
+            else:
+                numbers.append(value.value(cells))
+        return tuple(numbers)
 
     @intrinsic(
         lambda typingctx, w, l: types.UniTuple(types.float64, len(wanted))(

@@ -51,8 +51,9 @@ def turns_at_zero(lane):
 def counts_zeros(lane):
     """Return whether zeros of the spin are events within a smooth motion."""
     # After a launch without spin, none counts before the spin is far.  In PIVOTING, the
-    # mode ends at a zero, and in HELD the spin stays there; other modes come before.
-    return (lane.arm == 0.0) & (lane.mode < PIVOTING)
+    # mode ends at a zero, and in HELD the spin stays there.
+    mode = lane.mode
+    return (lane.arm == 0.0) & (mode != PIVOTING) & (mode != HELD)
 
 
 @scalar

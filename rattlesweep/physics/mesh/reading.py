@@ -51,7 +51,9 @@ def read_standing(
     place = as_path(path, "mesh")
     name = one_line(str(path), 100)
     g = si.size(gravity, "acceleration", "gravity")
-    direction = None if up is None else _direction(up)
+    direction = None
+    if up is not None:
+        direction = _direction(up)
     try:
         solid = read_solid(place, unit)
         extent = float(np.ptp(solid.vertices, axis=0).max())

@@ -229,4 +229,6 @@ def wrong_edges(faces: Integers, count: int) -> tuple[int, int]:
 
 
 def _edges(count: int) -> str:
-    return "1 edge lies" if count == 1 else f"{count} edges lie"
+    if count == 1:
+        return "1 edge lies"
+    return f"{count} edges lie"

@@ -129,7 +129,9 @@ class Standing:
         (1 - a K)^-1 dm r / M``, and so adds ``(I_zz - I) g``.
         """
         inertia = self.inertia
-        top = self.rim if self.rim is not None else 2 * self.height
+        top = self.rim
+        if top is None:
+            top = 2 * self.height
         z = top - self.height
         curvature = self.surface.curvature
         turn = curvature @ np.linalg.inv(np.eye(2) - self.height * curvature)
@@ -156,7 +158,9 @@ def stand(
     """
     side = solid.flat_side()
     if up is None:
-        up = np.array([0.0, 0.0, 1.0]) if side is None else side[0]
+        up = np.array([0.0, 0.0, 1.0])
+        if side is not None:
+            up = side[0]
     given = up / np.linalg.norm(up)
     arms = solid.vertices - mass.centre
     up = _downhill(arms, given)
@@ -217,7 +221,10 @@ def stand_on(
         settled = abs(wanted / reach - 1) < 1e-9
         if settled and np.abs(slope).max() < 1e-10:
             break
-        reach = wanted if abs(wanted / reach - 1) < 0.01 else math.sqrt(reach * wanted)
+        if abs(wanted / reach - 1) < 0.01:
+            reach = wanted
+        else:
+            reach = math.sqrt(reach * wanted)
     else:
         raise ValueError(
             f"the body does not come to rest in {ROUNDS} rounds of turning it and "

@@ -309,7 +309,9 @@ class _Reader:
         path = component.path or path
         resource = self._resource(path, component.number)
         # Notes are about objects of the root part.
-        uses = self.uses.get(component.number, []) if path == self.root else []
+        uses = []
+        if path == self.root:
+            uses = self.uses.get(component.number, [])
         if resource.components:
             pieces = self._pieces_of_components(resource, uses, path, depth)
         else:
