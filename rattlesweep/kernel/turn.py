@@ -12,7 +12,7 @@ All this is compiled once for all models.  What depends on the model lies in ``p
 which are called by their addresses: ``attempt``, compiled for each method and model,
 `answer.answer` for each model, and others where a model or a record needs them.
 :func:`look_closer` is such a part, too, as sweeps (:func:`work_off`) and trajectories
-(`follow.record_steps`) are made of the same turns: :func:`try_step`,
+(`recorder.record_steps`) are made of the same turns: :func:`try_step`,
 :func:`look_closer` at the lanes that are due, :func:`commit`.
 """
 

@@ -19,7 +19,9 @@ import rattlesweep as rs
 from rattlesweep.analysis.onerun.channels import CHANNELS
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.design.launch import Launch
+from rattlesweep.kernel import abreast as abreast_module
 from rattlesweep.kernel import follow as follow_module
+from rattlesweep.kernel.abreast import follow_abreast
 from rattlesweep.kernel.batch import integrate
 from rattlesweep.kernel.follow import Follower
 from rattlesweep.kernel.method.tableau import METHODS
@@ -102,6 +104,31 @@ def test_rows_do_not_change_the_steps_nor_pieces_of_a_grid_the_rows():
         assert len(found.t) == len(times)
     # The last grid was that of the steps, whose size is known up to the rounding of t.
     assert found.y == pytest.approx(y, abs=1e-13)
+
+
+def test_runs_abreast_have_the_bits_of_runs_followed_alone(monkeypatch):
+    spins = [0.4, -0.2, 0.1, 0.3, -0.1, 0.25, 0.15, 0.35, 0.05, 0.2]
+    batch = kernels.full_batch(oracle.GH, spins, t_end=150.0)
+    batch = replace(batch, t_end=np.linspace(20.0, 150.0, len(spins)))
+    times = [np.linspace(0, 1.2 * end, 40) for end in batch.t_end]
+    options = {"tol": 1e-9, "max_steps": 10**6, "attitude": True}
+    runs = follow_abreast(batch, DOP853, FULL, times, **options)
+    for row, run in enumerate(runs):
+        alone = Follower(kernels.take(batch, [row]), DOP853, FULL, **options)
+        found = alone.at(times[row])
+        assert 30 < len(found.t) < 40
+        for name in ("t", "y", "slip", "sense", "extra"):
+            abreast = getattr(run.samples, name)
+            assert abreast.tobytes() == getattr(found, name).tobytes()
+        assert run.observe(found).tobytes() == alone.observe(found).tobytes()
+        assert run.energy_0 == alone.energy_0
+    # One that is longer than the tables is followed alone.
+    monkeypatch.setattr(abreast_module, "STEPS_PER_CALL", 100)
+    [short, long] = follow_abreast(
+        kernels.take(batch, [0, 9]), DOP853, FULL, [times[0], times[9]], **options
+    )
+    assert short is not None
+    assert long is None
 
 
 def everything(**options):

@@ -341,12 +341,12 @@ def rivals_of(estimate: Estimate, searches: Sequence[Searched]) -> list[Searched
 
     Chi squared is low there, although the parabola of the estimate is high.
     """
-    from scipy.special import fdtri, gammaincinv
+    from scipy.special import chdtri, fdtri
 
     unknowns = len(estimate.x)
     lowest = min(search.squares for search in searches)
     if estimate.problem.film.error is not None:
-        rise = 2 * float(gammaincinv(unknowns / 2, RIVAL))
+        rise = float(chdtri(unknowns, 1 - RIVAL))
         highest = lowest + rise
     else:
         freedom = max(estimate.freedom, 1.0)

@@ -250,7 +250,7 @@ def fit_together(fits: Sequence[Fit]) -> JointFit:
     """
     import pandas as pd
     from scipy.optimize import least_squares
-    from scipy.stats import t as student
+    from scipy.special import stdtrit
 
     estimates = [fit._estimate for fit in fits]
     first = estimates[0].problem
@@ -317,7 +317,7 @@ def fit_together(fits: Sequence[Fit]) -> JointFit:
     directions = sum(problem.film.kind == "angle" for problem in problems)
     freedom = float(len(result.fun) - len(x) - directions)
     is_known = all(problem.film.error is not None for problem in problems)
-    quantile = float(student.ppf(0.975, math.inf if is_known else freedom))
+    quantile = float(stdtrit(math.inf if is_known else freedom, 0.975))
     value = _values(together, result.x)
     squares = float((result.fun**2).sum())
     best = Best(together, result.x, squares, errors, np.full(len(x), quantile))

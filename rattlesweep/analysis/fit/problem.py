@@ -11,7 +11,7 @@ import numpy as np
 
 from rattlesweep.analysis.fit.film import Film
 from rattlesweep.analysis.fit.measured import MeasuredBody, Prior
-from rattlesweep.analysis.fit.trials import Trials
+from rattlesweep.analysis.fit.trials import RunKey, Trials
 from rattlesweep.arrays import Floats
 from rattlesweep.design.launch import Launch
 from rattlesweep.physics.body import PARAMETERS as BODY
@@ -19,6 +19,7 @@ from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
 from rattlesweep.words.quantities import ACTING, RATE, TIME
 
+MOST_KNOWN = 512  # runs that are remembered, those of a profile and more
 _STEP = 3e-6  # of the central differences, relative to the scale of a parameter
 
 
@@ -207,14 +208,18 @@ class FitProblem:
     def expected_at(self, places: Sequence[Floats]) -> list[Floats | ValueError]:
         """Return what :meth:`expected` does at several ``x``, or why there is none."""
         film = self.film
-        answers: list[Floats | ValueError] = [np.zeros(0)] * len(places)
-        launches: dict[int, Launch] = {}
-        for place, x in enumerate(places):
+        known = self.trials.known
+        keys = [self._key(x) for x in places]
+        launches: dict[RunKey, Launch] = {}
+        # Searches begin and end where others have been.
+        for key, x in zip(keys, places, strict=True):
+            if key in known or key in launches:
+                continue
             self.trial()
             try:
-                launches[place] = self.launched(x)
+                launches[key] = self.launched(x)
             except ValueError as error:
-                answers[place] = error
+                known[key] = error
         runs = [*launches.values()]
         # From units of the body that is given to those of the bodies of the runs.
         given = self.launch.body.units
@@ -224,16 +229,27 @@ class FitProblem:
         else:
             times = [film.t * size for size in sizes]
             found = self.trials.follow(runs, film.kind, times)
-        for place, size, values in zip(launches, sizes, found, strict=True):
+        for key, size, values in zip(launches, sizes, found, strict=True):
             if isinstance(values, ValueError):
-                answers[place] = values
+                known[key] = values
             elif film.kind == "reversal":
-                answers[place] = values / size
+                known[key] = values / size
             elif film.kind == "angle":
-                answers[place] = values + self.first_direction(film.value - values)
+                known[key] = values
             else:
-                answers[place] = values * size
+                known[key] = values * size
+        answers = [known[key] for key in keys]
+        while len(known) > MOST_KNOWN:
+            del known[next(iter(known))]
+        for place, angles in enumerate(answers):
+            if film.kind == "angle" and not isinstance(angles, ValueError):
+                direction = self.first_direction(film.value - angles)
+                answers[place] = angles + direction
         return answers
+
+    def _key(self, x: Floats) -> RunKey:
+        """Return what the run at ``x`` and its times depend on, in a fit."""
+        return (*self.values(x).values(), self.launch.t_end, len(self.film.t))
 
     def first_direction(self, angles: Floats) -> float:
         """Return the mean of some angles, weighted by the errors of the film."""
@@ -312,22 +328,35 @@ class FitProblem:
 
         The residuals at ``x`` are known, `here`.
         """
-        limits = self.limits()
-        steps = np.diag(np.full(len(x), _STEP))[places]
-        # From a limit there is one way only.
-        ways = [1.0 if (x + step <= limits[1]).all() else -1.0 for step in steps]
-        moved = [
-            np.clip(x + way * step, *limits)
-            for way, step in zip(ways, steps, strict=True)
-        ]
+        moved = [*self._beside(x)[places]]
         columns = []
-        for place, there in enumerate(self.residuals_at(moved)):
-            to = moved[place]
+        for to, there in zip(moved, self.residuals_at(moved), strict=True):
             if not np.isfinite(there).all():
-                to = np.clip(x - ways[place] * steps[place], *limits)
+                to = np.clip(x - (to - x), *self.limits())
                 there = self.residuals(to)
             columns.append(_slope(here, there, (to - x).sum()))
         return np.stack(columns, axis=1)
+
+    def _beside(self, x: Floats) -> Floats:
+        """Return ``x`` after a small step along each parameter."""
+        low, high = self.limits()
+        steps = np.diag(np.full(len(x), _STEP))
+        # From a limit there is one way only.
+        ways = np.where((x + steps <= high).all(axis=1), 1.0, -1.0)
+        return np.asarray(np.clip(x + ways[:, None] * steps, low, high))
+
+    def look_ahead(self, starts: Sequence[Floats]) -> list[Floats]:
+        """Make the first runs of searches side by side; return the starts that succeed.
+
+        The searches find these runs known.
+        """
+        begun = [
+            x
+            for x, residuals in zip(starts, self.residuals_at(starts), strict=True)
+            if np.isfinite(residuals).all()
+        ]
+        self.residuals_at([beside for x in begun for beside in self._beside(x)])
+        return begun
 
 
 def _slope(below: Floats, above: Floats, width: float) -> Floats:

@@ -45,7 +45,7 @@ STARTS = 6
 def searches_of_series(problem: FitProblem, starts: list[Floats]) -> Iterator[Searched]:
     """Yield searches over the whole film, until one leaves residuals like noise."""
     part = _part(problem, _first_share(problem))
-    squares = [float((part.residuals(x) ** 2).sum()) for x in starts]
+    squares = [float((rows**2).sum()) for rows in part.residuals_at(starts)]
     order = np.argsort(squares, kind="stable")[:STARTS]
     for place in order.tolist():
         if not math.isfinite(squares[place]):
@@ -77,11 +77,11 @@ def _neighbours(
         for name, tether in off.items():
             bodies += [{name: values[name] + way * tether.error} for way in _BESIDE]
         searches = []
-        for body in bodies:
-            start = problem.scaled({**values, **body})
-            start = np.clip(start, *problem.limits())
-            if not off or not problem.succeeds(start):
-                continue
+        starts = []
+        if off:
+            changed = [problem.scaled({**values, **body}) for body in bodies]
+            starts = [np.clip(start, *problem.limits()) for start in changed]
+        for start in problem.look_ahead(starts):
             search = minimise(problem, start, 1e-3, GLANCE)
             moved = np.abs(start - best.x).argmax()
             way = abs(search.x[moved] - best.x[moved])

@@ -15,9 +15,11 @@ from rattlesweep.design.launch import Launch, launch_rows, plan_of_rows
 from rattlesweep.design.models import model_of
 from rattlesweep.design.plan import Plan
 from rattlesweep.design.prepare import prepare_launches
+from rattlesweep.kernel.abreast import RunAbreast, follow_abreast
 from rattlesweep.kernel.batch import integrate
 from rattlesweep.kernel.follow import Follower
 from rattlesweep.kernel.method.tableau import METHODS, TOL
+from rattlesweep.kernel.outcome import Batch
 from rattlesweep.kernel.state.fields import MOST_REVERSALS
 from rattlesweep.kernel.state.status import Status
 from rattlesweep.rows.prepared import PreparedRuns
@@ -32,12 +34,17 @@ CHANNELS_OF = {
 }
 # Names of the losses that act, and whether the body has c and a rim.
 _Law = tuple[frozenset[str], bool, bool]
+RunKey = tuple[float | None, ...]
 
 
 @dataclass(frozen=True)
 class Trials:
-    """Runs that differ in their numbers, and in the losses that are zero."""
+    """Runs that differ in their numbers, and in the losses that are zero.
 
+    The latest ones are `known` by their parameters, horizon and number of values.
+    """
+
+    known: dict[RunKey, Floats | ValueError] = field(default_factory=dict)
     _plans: dict[_Law, Plan] = field(default_factory=dict)
 
     def follow(
@@ -47,9 +54,8 @@ class Trials:
         answers: dict[int, Floats | ConfigError] = {}
         for law, places in _by_law(launches).items():
             config, prepared = self._prepared(law, [launches[k] for k in places])
-            for row, place in enumerate(places):
-                one = take(prepared, np.array([row]))
-                answers[place] = _followed(config, one, kind, times[place])
+            found = _followed(config, prepared, kind, [times[k] for k in places])
+            answers |= dict(zip(places, found, strict=True))
         return [answers[place] for place in range(len(launches))]
 
     def reversal_times(
@@ -110,11 +116,11 @@ def _by_law(launches: Sequence[Launch]) -> dict[_Law, list[int]]:
     return places
 
 
-def _follower(config: Config, launch: PreparedRuns, has_attitude: bool) -> Follower:
+def _follower(config: Config, batch: Batch, has_attitude: bool) -> Follower:
     """Return the integration of one run, whose contact nobody watches."""
     settings = config.integrator
     return Follower(
-        full_batch(launch),
+        batch,
         METHODS[settings.method],
         model_of(config),
         tol=settings.tol or TOL,
@@ -124,18 +130,45 @@ def _follower(config: Config, launch: PreparedRuns, has_attitude: bool) -> Follo
 
 
 def _followed(
-    config: Config, launch: PreparedRuns, kind: str, times: Floats
-) -> Floats | ConfigError:
-    """Return a quantity of one run at some times, or why there is none."""
+    config: Config, prepared: PreparedRuns, kind: str, times: Sequence[Floats]
+) -> list[Floats | ConfigError]:
+    """Return a quantity of runs at their times, or why there is none."""
     channel = CHANNELS[CHANNELS_OF[kind]]
-    follower = _follower(config, launch, channel.needs == "attitude")
-    samples = follower.at(times)
-    while not follower.ended:
-        follower.steps()
-    if follower.status != Status.OK or not len(samples.t):
-        return _failure(follower.status)
-    values = channel.of(View(launch, follower, samples, None))
-    if channel.unit == "deg":
+    has_attitude = channel.needs == "attitude"
+    batch = full_batch(prepared)
+    settings = config.integrator
+    courses = follow_abreast(
+        batch,
+        METHODS[settings.method],
+        model_of(config),
+        times,
+        tol=settings.tol or TOL,
+        max_steps=settings.max_steps,
+        attitude=has_attitude,
+    )
+    answers: list[Floats | ConfigError] = []
+    for row, course in enumerate(courses):
+        one = np.array([row])
+        run: RunAbreast | Follower
+        if course is not None:
+            run = course
+            samples = course.samples
+        else:
+            run = _follower(config, take(batch, one), has_attitude)
+            samples = run.at(times[row])
+            while not run.ended:
+                run.steps()
+            if run.status != Status.OK or not len(samples.t):
+                answers.append(_failure(run.status))
+                continue
+        view = View(take(prepared, one), run, samples, None)
+        answers.append(_measured(kind, channel.of(view), times[row]))
+    return answers
+
+
+def _measured(kind: str, values: Floats, times: Floats) -> Floats:
+    """Return the values of a channel as they are measured at some times."""
+    if kind in ("angle", "spin"):
         values = np.radians(values)
     elif kind == "gyro":
         # The body's z axis points downward.
@@ -155,8 +188,9 @@ def _turns(
     answers: list[Floats | ConfigError] = []
     if count > MOST_REVERSALS:
         # A kernel of sweeps stores no more.
+        batch = full_batch(prepared)
         for row, end in enumerate(ends):
-            follower = _follower(config, take(prepared, np.array([row])), False)
+            follower = _follower(config, take(batch, np.array([row])), False)
             while not follower.ended:
                 follower.steps()
             times = np.array(follower.reversals[:count])

@@ -26,7 +26,9 @@ from rattlesweep.words.errors import ConfigError, not_one_of
 from rattlesweep.words.quantities import ENERGY, FORCE, LENGTH, RATE, SPEED, TIME
 
 if TYPE_CHECKING:
-    from rattlesweep.kernel.follow import Follower, Samples
+    from rattlesweep.kernel.abreast import RunAbreast
+    from rattlesweep.kernel.follow import Follower
+    from rattlesweep.kernel.recorder import Samples
     from rattlesweep.physics.si import Units
     from rattlesweep.rows.prepared import PreparedRuns
 
@@ -44,7 +46,7 @@ class View:
     """Quantities of a run at the same times, each computed on first use."""
 
     launches: PreparedRuns
-    follower: Follower
+    follower: Follower | RunAbreast
     samples: Samples
     beside: Samples | None  # of the reduced model at the same times
 

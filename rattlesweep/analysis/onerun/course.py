@@ -31,8 +31,9 @@ from rattlesweep.design.launch import Launch, plan_of
 from rattlesweep.design.models import model_of
 from rattlesweep.design.prepare import prepare_launches
 from rattlesweep.kernel.batch import longest_frame_steps
-from rattlesweep.kernel.follow import NORMAL_MIN, RATIO_MAX, Follower, Samples
+from rattlesweep.kernel.follow import Follower
 from rattlesweep.kernel.method.tableau import DOP853, METHODS, TOL
+from rattlesweep.kernel.recorder import NORMAL_MIN, RATIO_MAX, Samples
 from rattlesweep.kernel.state.fields import SLIP_SPEED, SLIP_WORK
 from rattlesweep.motion.model import reduced_model
 from rattlesweep.physics.body import PARAMETERS

@@ -25,7 +25,8 @@ from rattlesweep.words.errors import ConfigError, one_line
 from rattlesweep.words.units import NATURAL, natural_number, quantity, require_unit
 
 if TYPE_CHECKING:
-    from rattlesweep.kernel.follow import Follower, Samples
+    from rattlesweep.kernel.follow import Follower
+    from rattlesweep.kernel.recorder import Samples
     from rattlesweep.physics.si import Units
 
 # A run may swing faster than at its launch, so a step has at least a few pieces.

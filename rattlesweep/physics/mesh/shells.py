@@ -8,7 +8,6 @@ over triangles are exact for these, and count twice what lies in two shells.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from typing import Any
@@ -34,31 +33,24 @@ ONE_SOLID = (
 MOST_SHELLS = 200
 
 
-@dataclass(frozen=True)
-class Shell:
-    """A closed part of a mesh; its volume is negative if it is turned inwards."""
-
-    vertices: Floats
-    faces: Integers
-    volume: float
+class Shell(Solid):
+    """A closed part of a mesh, which has all of its own vertices and no others."""
 
     @cached_property
     def box(self) -> tuple[Floats, Floats]:
         """The lowest and the highest coordinates."""
-        used = self.vertices[np.unique(self.faces)]
-        return used.min(axis=0), used.max(axis=0)
+        return self.vertices.min(axis=0), self.vertices.max(axis=0)
 
     @cached_property
     def filled(self) -> Any:
         """What it encloses, turned outwards, for the library of Booleans."""
         import manifold3d
 
-        used, faces = np.unique(self.faces, return_inverse=True)
-        faces = faces.reshape(-1, 3)
+        faces = self.faces
         if self.volume < 0:
             faces = faces[:, ::-1]
         mesh = manifold3d.Mesh64(
-            np.ascontiguousarray(self.vertices[used]),
+            np.ascontiguousarray(self.vertices),
             np.ascontiguousarray(faces, dtype=np.uint64),
         )
         filled = manifold3d.Manifold(mesh)
@@ -114,21 +106,14 @@ def shells_of(solid: Solid) -> list[Shell]:
     """Return the shells of a closed mesh."""
     label = _labels(solid)
     if not label.any():
-        return [Shell(solid.vertices, solid.faces, solid.volume)]
+        return [Shell(solid.vertices, solid.faces)]
     order = np.argsort(label, kind="stable")
     ends = np.cumsum(np.bincount(label))[:-1]
     shells = []
-    for which in np.split(order, ends):
-        faces = solid.faces[which]
-        volume = Solid(solid.vertices[np.unique(faces)], _renumbered(faces)).volume
-        shells.append(Shell(solid.vertices, faces, volume))
+    for which in np.split(solid.faces[order], ends):
+        used, faces = np.unique(which, return_inverse=True)
+        shells.append(Shell(solid.vertices[used], faces.reshape(-1, 3)))
     return shells
-
-
-def _renumbered(faces: Integers) -> Integers:
-    """Return triangles whose vertices are numbered without gaps."""
-    _, places = np.unique(faces, return_inverse=True)
-    return places.reshape(faces.shape)
 
 
 def _without_doubles(solid: Solid) -> Solid:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -87,9 +88,9 @@ class Solid:
         """The corners of the triangles, shape (3, faces, 3)."""
         return self.vertices[self.faces.T]
 
-    @property
+    @cached_property
     def volume(self) -> float:
-        """The volume in m^3."""
+        """The volume in m^3; negative if it is turned inwards."""
         return float(self._moments()[0])
 
     def _moments(self) -> tuple[Any, Floats, Floats]:
