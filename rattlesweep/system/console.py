@@ -15,11 +15,9 @@ from rattlesweep.words.errors import printable
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-COMPILING = (
-    "compiling a kernel for this machine (15 to 60 s); it is kept for later runs"
-)
+COMPILING = "compiling a kernel for this machine (5 to 40 s); it is kept for later runs"
 COMPILING_ONCE = (
-    "compiling a kernel for this machine (15 to 60 s), for this run alone: kernels are "
+    "compiling a kernel for this machine (5 to 40 s), for this run alone: kernels are "
     "kept where nobody else can write, in the folder or in one above it; run "
     "`chmod go-w ~/.cache`, or name such a folder by NUMBA_CACHE_DIR"
 )

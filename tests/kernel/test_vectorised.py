@@ -13,7 +13,7 @@ from numba import boolean, float64, int64, njit, typeof
 
 from rattlesweep.compiling.intrinsics import INNER
 from rattlesweep.kernel import recipes, tangents, turn
-from rattlesweep.kernel.event import looks
+from rattlesweep.kernel.look import extremes
 from rattlesweep.kernel.method.tableau import METHODS
 from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.physics.full import FASTMATH
@@ -56,8 +56,8 @@ SHARED = {
 }
 PIECES = {
     "advance_tangent": (tangents.advance_tangent, (float64[::1],)),
-    "observe_contact": (looks.observe_contact, (float64[::1], boolean)),
-    "observe_spin": (looks.observe_spin, (float64[::1],)),
+    "observe_contact": (extremes.observe_contact, (float64[::1], boolean)),
+    "observe_spin": (extremes.observe_spin, (float64[::1],)),
 }
 
 

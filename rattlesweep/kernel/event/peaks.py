@@ -4,7 +4,7 @@
 
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import INNER
+from rattlesweep.compiling.intrinsics import INNER, KEPT_APART, apart
 from rattlesweep.kernel.event.zeros import (
     FIRST_EXTREME,
     FIRST_MARK,
@@ -92,13 +92,14 @@ def search_peaks(problem, traits, w, l):  # type: ignore[no-untyped-def]
     return int(lane.move)
 
 
-@njit(**INNER)
+@njit(**KEPT_APART)
 def begin_kept(problem, traits, w, l, status, move):  # type: ignore[no-untyped-def]
     """Begin the search of the steps kept on a lane whose run ends.
 
     Return whether there are any; then the run ends with the same status and move once
     they are searched (`look.put_off`).  Its end is kept meanwhile.
     """
+    apart()
     lane = lane_of(problem, w, l)
     if lane.ends > 0.0:
         return False
@@ -132,12 +133,13 @@ def search_kept(problem, traits, w, l):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(**INNER)
+@njit(**KEPT_APART)
 def _begin_next_kept(problem, traits, w, l):  # type: ignore[no-untyped-def]
     """Go to the start of the next step kept, and set the first point to try in it.
 
     Return whether there is one.
     """
+    apart()
     lane = lane_of(problem, w, l)
     while lane.searched < FIRST_EXTREME + 2.0:
         k = int(lane.searched) - FIRST_EXTREME
@@ -191,9 +193,10 @@ def _bracket_peak(lane: Lane) -> bool:
     return True
 
 
-@njit(**INNER)
+@njit(**KEPT_APART)
 def _climb(lane: Lane) -> bool:
     """Keep the point just tried; return whether there is a next one, nearer the top."""
+    apart()
     k = int(lane.searched) - FIRST_EXTREME
     tried = tried_of(k, lane)
     if lane.tries == 0.0:

@@ -13,7 +13,13 @@ be tried again in the mode that the lane had there.
 # mypy: disable-error-code="no-untyped-def"
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import INNER, lowest_bit, widest_vectors
+from rattlesweep.compiling.intrinsics import (
+    INNER,
+    KEPT_APART,
+    apart,
+    lowest_bit,
+    widest_vectors,
+)
 from rattlesweep.kernel.state.fields import NEVER, Number, OfEnd, Peak, State
 from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.physics.full import scalar
@@ -102,9 +108,10 @@ def keep_steps(problem, traits, w):
         keep_step(problem, traits, w, l)
 
 
-@njit(**INNER)
+@njit(**KEPT_APART)
 def keep_step(problem, traits, w, l):
     """Keep the step tried on a lane if it is to be searched later."""
+    apart()
     lane = lane_of(problem, w, l)
     if lane.ratio_later.h > 0.0:
         lane.ratio_kept = lane.ratio_later
