@@ -31,17 +31,25 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 R = TypeVar("R")
 DOUBLE = ir.DoubleType()
+# Products may be fused with sums, and a zero has no sign.  With 'nnan' and 'ninf' LLVM
+# would remove tests for non-finite states; with 'reassoc' and 'arcp' last bits would
+# depend on how often a function is optimised.
+FASTMATH = {"contract", "nsz"}
+# A function without these takes them over from its caller, and from the first one if
+# there are several (Numba 0.68, issue 7168).  Then its last bits would depend on what
+# was compiled before in the same process.
+EXACT: dict[str, object] = {"fastmath": False, "forceinline": False}
 # Options of functions that only compiled functions call.  Wrappers for Python and C,
 # which would take time to compile, are left out; a call from Python would crash the
 # process.
-INNER: dict[str, object] = {"nogil": True, "error_model": "numpy"}
+INNER: dict[str, object] = EXACT | {"nogil": True, "error_model": "numpy"}
 INNER |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 # They own no arrays.  Otherwise Numba counts references to each array at each call,
 # which took 3 to 5 % of the time of a kernel.
 INNER |= {"_nrt": False}
-# The same for functions that are kept :func:`apart`; without this, Numba takes over
-# from their callers that they are always inlined.
-KEPT_APART: dict[str, object] = INNER | {"forceinline": False}
+FAST: dict[str, object] = INNER | {"fastmath": FASTMATH}
+INLINED: dict[str, object] = INNER | {"forceinline": True}
+FAST_INLINED: dict[str, object] = FAST | {"forceinline": True}
 
 
 def _first_of(array, length):
@@ -249,7 +257,7 @@ def choice(
 
     For any other key, it calls the last one.  ``inline`` is for small functions.
     """
-    compiled = njit(forceinline=inline, **INNER)
+    compiled = njit(**INLINED if inline else INNER)
     (first, own), *others = functions.items()
     if not others:
 

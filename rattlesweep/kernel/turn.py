@@ -23,6 +23,7 @@ from typing import NamedTuple
 from numba import njit, prange
 
 from rattlesweep.compiling.intrinsics import (
+    INLINED,
     INNER,
     call,
     call_for_pair,
@@ -182,7 +183,7 @@ def search_zeros(lane):
 def deciding(adaptive: bool):
     """Return the loop that decides on the steps of adaptive methods, or of others."""
 
-    @njit(**INNER)
+    @njit(**INLINED)
     def decide_all(problem, w, dt, max_steps):
         widest_vectors()
         bits = 0
@@ -227,7 +228,7 @@ decide_adaptive = deciding(True)
 decide_fixed = deciding(False)
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def decide(problem, traits, w, dt, max_steps):
     """Decide on the step tried on every lane, and return which lanes are due, as bits.
 
@@ -357,7 +358,7 @@ def watch_far(problem, w):
         lane.watched += 1.0 if may_be_far(lane) else 0.0
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def look(parts, w, stage, may_put_off, recording):
     """Look into the steps tried on all lanes, at a stage of the turn."""
     for k in range(FIRST_LOOK, N_PARTS):
@@ -365,7 +366,7 @@ def look(parts, w, stage, may_put_off, recording):
             call(parts[k], (w, stage, may_put_off, recording.marks))
 
 
-@njit(forceinline=True, **INNER)
+@njit(**INLINED)
 def try_step(problem, traits, parts, w, options, recording, used, may_put_off):
     """Try a step on the first lanes, decide on it, and return which of them are due.
 

@@ -29,15 +29,13 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats
+from rattlesweep.compiling.intrinsics import FASTMATH
 from rattlesweep.compiling.loading import IS_CHILD
 
 N_STATE = 5
 CONSTANTS = "ix", "iy", "iz", "cxx", "cxy", "cyy"
 N_EXTRA = 3  # heading and the two co-ordinates of the contact point on the plane
 
-# With 'nnan' and 'ninf' LLVM would remove tests for non-finite states; with 'reassoc'
-# and 'arcp' the last bits would depend on how often a function is optimised.
-FASTMATH = {"contract", "nsz"}
 # Nothing calls these functions from C, and nothing from Python in a process that
 # compiles kernels.  Wrappers for it take time to compile.
 scalar = njit(

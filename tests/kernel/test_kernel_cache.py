@@ -21,7 +21,7 @@ from small_kernel import again, broken, forget_folders, load_small
 from sweeping import CONFIGS
 
 from rattlesweep.compiling import loading
-from rattlesweep.compiling.intrinsics import KEPT_APART, apart
+from rattlesweep.compiling.intrinsics import INNER, apart
 from rattlesweep.kernel import recipes
 from rattlesweep.system.console import Bar, _warn_once
 from rattlesweep.system.lockfile import LockFile
@@ -82,7 +82,7 @@ def test_a_kernel_is_compiled_by_another_process_and_found_again(place):
 FOUND = """
 import json
 from rattlesweep.compiling import loading
-from rattlesweep.compiling.intrinsics import KEPT_APART, apart
+from rattlesweep.compiling.intrinsics import INNER, apart
 from rattlesweep.kernel.recipes import threaded_kernel
 heard = []
 with loading.listening(heard.append):
@@ -95,7 +95,7 @@ print(json.dumps([heard, hits]))
 """
 
 
-@numba.njit(**KEPT_APART)
+@numba.njit(**INNER)
 def one_more(x):
     apart()
     return x + 1.0

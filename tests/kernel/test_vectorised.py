@@ -11,12 +11,11 @@ import kernels
 import pytest
 from numba import boolean, float64, int64, njit, typeof
 
-from rattlesweep.compiling.intrinsics import INNER
+from rattlesweep.compiling.intrinsics import FAST
 from rattlesweep.kernel import recipes, tangents, turn
 from rattlesweep.kernel.look import extremes
 from rattlesweep.kernel.method.tableau import METHODS
 from rattlesweep.kernel.state.lane import lane_of
-from rattlesweep.physics.full import FASTMATH
 
 pytestmark = pytest.mark.skipif(
     platform.machine() not in ("x86_64", "AMD64"), reason="reads x86 assembly"
@@ -61,7 +60,7 @@ PIECES = {
 }
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def rates(problem, w):
     """Compute the right-hand side at the start of the step of every lane."""
     for l in range(problem.lanes):

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import first_of
+from rattlesweep.compiling.intrinsics import EXACT, first_of
 from rattlesweep.compiling.loading import Kernel, load_kernels
 from rattlesweep.kernel import recipes
 from rattlesweep.kernel.method.tableau import VERNER98
@@ -175,7 +175,7 @@ def carry(problem, table, time, constants, tol, a, b, errors, ends):
     return energy
 
 
-@njit(error_model="numpy", fastmath={"contract", "reassoc"})
+@njit(error_model="numpy", forceinline=False, fastmath={"contract", "reassoc"})
 def _add(table, h, weights, rates, out):
     """Write a table plus a step along weighted rates."""
     for r in range(table.shape[0]):
@@ -187,7 +187,7 @@ def _add(table, h, weights, rates, out):
 
 
 # Not inlined, as the rates would be compiled at each place of a call.
-@njit(error_model="numpy")
+@njit(error_model="numpy", **EXACT)
 def _derive(problem, table, q, out):
     """Write the rates of a state, of its tangents and of the integrals of means."""
     model = problem.model
@@ -207,7 +207,7 @@ def _derive(problem, table, q, out):
     )
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **EXACT)
 def _slope_of_energy(problem, y, q, i):
     """Return the derivative of the energy by a component of the state."""
     energy = problem.model.energy

@@ -12,13 +12,12 @@ called by its address (`kernel.turn`).  It is only loaded where this word is rec
 
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import INNER
+from rattlesweep.compiling.intrinsics import FAST, INNER
 from rattlesweep.kernel.event.peaks import mark_points
 from rattlesweep.kernel.look import extremes, inside
 from rattlesweep.kernel.look.marks import MARKS, value_of
 from rattlesweep.kernel.state.fields import Flag, Number, Peak
 from rattlesweep.kernel.state.lane import lane_of
-from rattlesweep.physics.full import FASTMATH
 
 
 class LookFields:
@@ -30,7 +29,7 @@ class LookFields:
     seen_second: Number
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def dip_of_mark(lane, k, start, end):
     """Return where a mark may fall to zero within the step tried, as a peak."""
     if inside.is_long(lane):

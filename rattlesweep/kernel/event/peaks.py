@@ -4,7 +4,7 @@
 
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import INNER, KEPT_APART, apart
+from rattlesweep.compiling.intrinsics import INNER, apart
 from rattlesweep.kernel.event.zeros import (
     FIRST_EXTREME,
     FIRST_MARK,
@@ -92,7 +92,7 @@ def search_peaks(problem, traits, w, l):  # type: ignore[no-untyped-def]
     return int(lane.move)
 
 
-@njit(**KEPT_APART)
+@njit(**INNER)
 def begin_kept(problem, traits, w, l, status, move):  # type: ignore[no-untyped-def]
     """Begin the search of the steps kept on a lane whose run ends.
 
@@ -133,7 +133,7 @@ def search_kept(problem, traits, w, l):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(**KEPT_APART)
+@njit(**INNER)
 def _begin_next_kept(problem, traits, w, l):  # type: ignore[no-untyped-def]
     """Go to the start of the next step kept, and set the first point to try in it.
 
@@ -193,7 +193,7 @@ def _bracket_peak(lane: Lane) -> bool:
     return True
 
 
-@njit(**KEPT_APART)
+@njit(**INNER)
 def _climb(lane: Lane) -> bool:
     """Keep the point just tried; return whether there is a next one, nearer the top."""
     apart()

@@ -375,7 +375,8 @@ def _polish(lane: Lane, tried: Point) -> int:
     ):
         # Beyond the zero the spin goes rate^2 / (2 n'') deep, with n'' at most SWING *
         # RATE_MAX.
-        near = rate * rate < 2.0 * lane.fuzz * lane.rate_max**2
+        most = lane.rate_max * lane.rate_max
+        near = rate * rate < 2.0 * lane.fuzz * most
         if near and lane.searched == SPIN:
             lane.near += 1.0
         return REVERSED

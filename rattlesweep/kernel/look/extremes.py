@@ -16,7 +16,7 @@ from typing import Annotated, Any, NamedTuple
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import INNER, choice, moved, widest_vectors
+from rattlesweep.compiling.intrinsics import FAST, INNER, choice, moved, widest_vectors
 from rattlesweep.kernel.look import inside, put_off
 from rattlesweep.kernel.state.fields import (
     DIFFERENCE,
@@ -30,7 +30,7 @@ from rattlesweep.kernel.state.fields import (
 )
 from rattlesweep.kernel.state.lane import lane_of, recorded
 from rattlesweep.kernel.state.ways import steps_in_rack
-from rattlesweep.physics.full import FASTMATH, TINY, scalar
+from rattlesweep.physics.full import TINY, scalar
 from rattlesweep.words.watched import ExtremeName
 
 # When lanes are looked at: before lanes that slide replace what was tried on them, and
@@ -194,7 +194,7 @@ def _advance_contact(problem, w):
 # The contact forces within steps.
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def observe_contact(problem, w, may_put_off):
     """Compute the contact forces at the end of the step tried on every lane.
 
@@ -285,7 +285,7 @@ def excess_of(ratio, lift, largest):
     return Point(ratio.h, excess * normal, ratio.rate * normal + excess * rate)
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def follow_contact(problem, w):
     """Find the peaks of the contact in long steps."""
     for l in range(problem.lanes):
@@ -402,7 +402,7 @@ def observe_spin(problem, w):
         lane.watched += 1.0 if rises & (not is_long) else 0.0
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def follow_spin(problem, w):
     """Find the largest spin of a turn in long steps."""
     for l in range(problem.lanes):

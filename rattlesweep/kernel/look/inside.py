@@ -15,17 +15,11 @@ from typing import NamedTuple
 
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import (
-    INNER,
-    KEPT_APART,
-    apart,
-    moved,
-    widest_vectors,
-)
+from rattlesweep.compiling.intrinsics import FAST, apart, moved, widest_vectors
 from rattlesweep.kernel.look.marks import value_of
 from rattlesweep.kernel.state.fields import DIFFERENCE, GROUP, NEVER, Peak, Point
 from rattlesweep.kernel.state.lane import lane_of
-from rattlesweep.physics.full import FASTMATH, TINY, scalar
+from rattlesweep.physics.full import TINY, scalar
 
 # The longest step of which a glance at the middle tells enough, in radians of the
 # fastest swing.
@@ -70,7 +64,7 @@ def middle(lane):
     return moved(moved(ends, lane.f, eighth), lane.f1, -eighth)
 
 
-@njit(**INNER)
+@njit(**FAST)
 def rates_beyond(lane):
     """Return the derivatives a little after the start and the end of the step."""
     ahead = DIFFERENCE / lane.swing
@@ -79,7 +73,7 @@ def rates_beyond(lane):
     return first, rhs(moved(lane.y1, lane.f1, ahead), lane.constants)
 
 
-@njit(**INNER)
+@njit(**FAST)
 def state_at(lane, beyond, share):
     """Return the state at a share of the step, by Hermite's quintic.
 
@@ -238,7 +232,7 @@ def is_long(lane):
 RATIO, LIFT, TURN, MARK = range(4)
 
 
-@njit(fastmath=FASTMATH, **KEPT_APART)
+@njit(**FAST)
 def excess_at(lane, beyond, share, kind, most):
     """Return by how much a function exceeds a value at a share of the step.
 
@@ -286,13 +280,13 @@ def seen_next(seen, k, excess):
     return Seen(seen.best, seen.top, seen.at_left, at_right, low, excess)
 
 
-@njit(**INNER)
+@njit(**FAST)
 def pieces_of(lane):
     """Return the number of pieces in which a long step is followed."""
     return min(MOST_PIECES, ceil(lane.h * lane.swing / SPACING))
 
 
-@njit(**INNER)
+@njit(**FAST)
 def follow(lane, beyond, kind, most):
     """Return the highest peak within a long step if it may exceed a value, or none."""
     pieces = pieces_of(lane)
@@ -304,7 +298,7 @@ def follow(lane, beyond, kind, most):
     return peak_seen(lane, beyond, kind, most, seen)
 
 
-@njit(fastmath=FASTMATH, **KEPT_APART)
+@njit(**FAST)
 def follow_forces(problem, w, l, ratio_most, lift_most):
     """Return what :func:`follow` does for the ratio of the forces and for the lift."""
     apart()
@@ -333,7 +327,7 @@ def follow_forces(problem, w, l, ratio_most, lift_most):
     return ratio, peak_seen(lane, beyond, LIFT, lift_most, lift_seen)
 
 
-@njit(**INNER)
+@njit(**FAST)
 def peak_seen(lane, beyond, kind, most, seen):
     """Return the highest peak of a function that was followed, if it may exceed 0."""
     pieces = pieces_of(lane)
@@ -352,7 +346,9 @@ def peak_seen(lane, beyond, kind, most, seen):
     move = min(1.0, max(-1.0, -slope / bend))
     spread = top - low
     angle = lane.h * lane.swing
-    unsure = spread * min(1.0, FOLLOWED + INTERPOLATED * angle**6)
+    square = angle * angle
+    sixth = square * (square * square)
+    unsure = spread * min(1.0, FOLLOWED + INTERPOLATED * sixth)
     unit = distance * lane.h / pieces
     seen = Peak(
         (best + distance * move) * lane.h / pieces,

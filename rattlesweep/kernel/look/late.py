@@ -12,11 +12,10 @@ from typing import Annotated
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import INNER, KEPT_APART, apart
+from rattlesweep.compiling.intrinsics import FAST, INNER, apart
 from rattlesweep.kernel.look.inside import rates_beyond, state_at
 from rattlesweep.kernel.state.fields import Number
 from rattlesweep.kernel.state.ways import steps_in_rack
-from rattlesweep.physics.full import FASTMATH
 
 BEGIN = 0.75  # of the horizon
 # Places and weights of Gauss's rule of five points in a step of length 1.
@@ -51,7 +50,7 @@ class LateFields:
     late_square: Number  # integral of its square
 
 
-@njit(**INNER)
+@njit(**FAST)
 def cubic(lane, share):
     """Return the spin at a share of the step, from its values and rates at both ends.
 
@@ -63,7 +62,7 @@ def cubic(lane, share):
     return ends + lane.h * share * rest * (rest * lane.rate0 - share * lane.rate1)
 
 
-@njit(fastmath=FASTMATH, **KEPT_APART)
+@njit(**FAST)
 def note(lane):
     """Add the step just accepted to the integrals."""
     apart()

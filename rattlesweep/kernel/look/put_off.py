@@ -13,13 +13,7 @@ be tried again in the mode that the lane had there.
 # mypy: disable-error-code="no-untyped-def"
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import (
-    INNER,
-    KEPT_APART,
-    apart,
-    lowest_bit,
-    widest_vectors,
-)
+from rattlesweep.compiling.intrinsics import INNER, apart, lowest_bit, widest_vectors
 from rattlesweep.kernel.state.fields import NEVER, Number, OfEnd, Peak, State
 from rattlesweep.kernel.state.lane import lane_of
 from rattlesweep.physics.full import scalar
@@ -108,7 +102,7 @@ def keep_steps(problem, traits, w):
         keep_step(problem, traits, w, l)
 
 
-@njit(**KEPT_APART)
+@njit(**INNER)
 def keep_step(problem, traits, w, l):
     """Keep the step tried on a lane if it is to be searched later."""
     apart()

@@ -29,13 +29,7 @@ from dataclasses import dataclass, field, replace
 
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import (
-    INNER,
-    KEPT_APART,
-    apart,
-    choice,
-    widest_vectors,
-)
+from rattlesweep.compiling.intrinsics import FAST, INNER, apart, choice, widest_vectors
 from rattlesweep.kernel.event.zeros import LIMIT
 from rattlesweep.kernel.look import inside
 from rattlesweep.kernel.mode import pivots, slides
@@ -50,7 +44,7 @@ from rattlesweep.kernel.state.ways import PIVOTING, ROLLING, SLIDING
 from rattlesweep.kernel.step import slots
 from rattlesweep.kernel.step.radau import Rack, rack_of
 from rattlesweep.motion.model import Model
-from rattlesweep.physics.full import FASTMATH, scalar
+from rattlesweep.physics.full import scalar
 
 # A body that rolls whatever the force.
 
@@ -141,13 +135,13 @@ def end_at_rim(lane, status, move, goes_on, reversals_recorded):
     return RIM if status == AT_LIMIT else status, move
 
 
-@njit(**INNER)
+@njit(**FAST)
 def settle(lane, y, n, t):
     """Let the lane roll."""
     lane.mode = ROLLING
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def energy(lane):
     """Return the energy at the end of the step just tried."""
     return lane.problem.model.energy(lane.y1, lane.constants)
@@ -159,7 +153,7 @@ def work(lane):
     return lane.problem.model.work(lane.y1)
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def observe(model, y, slip, constants, mu):
     """Return what `ModeSet.observe` does."""
     normal, tangential = model.contact(y, constants)
@@ -205,7 +199,7 @@ def observe_margin(
     this is searched unless it is calm.
     """
 
-    @njit(fastmath=FASTMATH, **INNER)
+    @njit(**FAST)
     def observe_limit(problem, w, used):
         widest_vectors()
         for first in range(0, used, GROUP):
@@ -253,7 +247,7 @@ def observe_force(
     """
     observe_all = observe_margin(margin, never)
 
-    @njit(fastmath=FASTMATH, **INNER)
+    @njit(**FAST)
     def observe_limit(problem, w, used):
         widest_vectors()
         lifting = 0
@@ -284,7 +278,7 @@ def observe_nothing(problem, w, used):
         lane.leaves = 0.0
 
 
-@njit(fastmath=FASTMATH, **KEPT_APART)
+@njit(**FAST)
 def look_at_limit(lane):
     """Compute the limit at the ends of the step tried, where it is to be searched.
 

@@ -20,13 +20,7 @@ from typing import Any
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import (
-    INNER,
-    KEPT_APART,
-    apart,
-    moved,
-    widest_vectors,
-)
+from rattlesweep.compiling.intrinsics import FAST, INNER, apart, moved, widest_vectors
 from rattlesweep.kernel import runs
 from rattlesweep.kernel.answer import jump, note_energies
 from rattlesweep.kernel.event.zeros import REVERSED
@@ -64,7 +58,7 @@ from rattlesweep.kernel.step.sliding_step import (
 )
 from rattlesweep.physics.friction.pivoting import LEAST_CREEP, least_creep
 from rattlesweep.physics.friction.sliding import outgoing
-from rattlesweep.physics.full import FASTMATH, TINY, scalar
+from rattlesweep.physics.full import TINY, scalar
 
 
 class RestFields:
@@ -117,14 +111,14 @@ FOLLOWING = 0.1
 LEAST_SPIN = 1e-14
 
 
-@njit(**INNER)
+@njit(**FAST)
 def set_sense(lane, sense):
     """Let the torque act against a spin of this sign, or hold the spin for 0."""
     lane.sense = sense
     lane.mode = HELD if sense == 0.0 else PIVOTING
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def note_pull(problem, w, used):
     """Note on every lane whether the plane would have to pull at the end of the step.
 
@@ -140,7 +134,7 @@ def note_pull(problem, w, used):
         lane.pulled = before if is_free else 1.0
 
 
-@njit(**INNER)
+@njit(**FAST)
 def give_slack(lane, y):
     """Let the spin begin on its side of zero, although it is a rounding error."""
     n = lane.sense * lane.problem.model.spin(y)
@@ -192,7 +186,7 @@ def after_zero(lane, limit):
     return at_zero(limit) if leaves else limit
 
 
-@njit(**KEPT_APART)
+@njit(**INNER)
 def distance_from_zero(lane):
     """Return how far a lane is from the limit of the spin, as a share of its scale."""
     apart()
@@ -202,7 +196,7 @@ def distance_from_zero(lane):
     return abs(lane.n1) / (scale + TINY)
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def sense_from_zero(lane, y):
     """Return the sense with which a spin leaves zero, 0 if the plane holds it."""
     set_sense(lane, 0.0)
@@ -212,7 +206,7 @@ def sense_from_zero(lane, y):
     return -1.0 if torque > 0.0 else 1.0
 
 
-@njit(**INNER)
+@njit(**FAST)
 def hold_spin(lane, y, t):
     """Note that the spin is held from the state ``y`` and the time ``t`` on."""
     lane.below1, lane.above1 = margins(lane, y)
@@ -232,7 +226,7 @@ def release(lane, t):
     lane.rate_max = max(lane.rate_max, lane.rate_held)
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def free(lane):
     """Let the foot begin to slide at the end of the step, with the torque it has.
 
@@ -254,7 +248,7 @@ def free(lane):
     lane.n1 = turning
 
 
-@njit(fastmath=FASTMATH, **KEPT_APART)
+@njit(**FAST)
 def spin_at_begin(lane):
     """Return the spin, at the least creep, with which a foot leaves a rest of both.
 
@@ -278,7 +272,7 @@ def spin_at_begin(lane):
     return sense * unit * exp(-low)
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def lag_of_spin(lane, spin):
     """Return the rate of the spin beyond that which keeps its ratio to the speed.
 
@@ -296,7 +290,7 @@ def lag_of_spin(lane, spin):
     return model.spin_rate(y, motion.f) - ratio * gain
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def turn_end(lane, rate):
     """Change the spin at the end of the step."""
     slide = lane.problem.model.slide
@@ -304,7 +298,7 @@ def turn_end(lane, rate):
     lane.y1 = slide.turned(lane.y1, at.u, rate)
 
 
-@njit(fastmath=FASTMATH, **KEPT_APART)
+@njit(**FAST)
 def slow(lane):
     """Let a spin that follows the speed do so in a step to the end of a slide.
 
@@ -331,7 +325,7 @@ def slow(lane):
     lane.n1 = copysign(max(abs(kept), TINY), n)
 
 
-@njit(**INNER)
+@njit(**FAST)
 def settle(lane, y, n, t):
     """Let the torque act from the state ``y`` on, in which the body rolls."""
     has_slid = lane.mode == SLIDING
@@ -348,7 +342,7 @@ def settle(lane, y, n, t):
         lane.left_zero = lane.steps + 1.0
 
 
-@njit(fastmath=FASTMATH, **KEPT_APART)
+@njit(**FAST)
 def leave_zero(lane, t):
     """Let the spin go on from zero at the end of the step; return its sense."""
     apart()
@@ -370,7 +364,7 @@ def leave_zero(lane, t):
     return sense
 
 
-@njit(**INNER)
+@njit(**FAST)
 def any_held(problem, w):
     """Return whether the spin of a lane is held."""
     held = 0
@@ -380,7 +374,7 @@ def any_held(problem, w):
     return held > 0
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def observe_held(problem, w, used):
     """Look at the torque in the step tried on every lane that is held.
 
@@ -414,7 +408,7 @@ def observe_held(problem, w, used):
             lane.watched += 1.0
 
 
-@njit(fastmath=FASTMATH, **KEPT_APART)
+@njit(**FAST)
 def may_fall_within(problem, w, l):
     """Return whether the plane may let the spin go within a long step of lane ``l``.
 
@@ -443,7 +437,10 @@ def may_fall_within(problem, w, l):
             place = lane_of(problem, w, k)
             seen_below = followed(seen_below, place.seen_first, first + k)
             seen_above = followed(seen_above, place.seen_second, first + k)
-    share = min(1.0, FOLLOWED + INTERPOLATED * (lane.h * lane.swing) ** 6)
+    angle = lane.h * lane.swing
+    square = angle * angle
+    sixth = square * (square * square)
+    share = min(1.0, FOLLOWED + INTERPOLATED * sixth)
     least = NEVER
     for low, top, bend, _, _ in (seen_below, seen_above):
         least = min(least, low - share * (top - low) - 0.125 * bend)
@@ -521,7 +518,7 @@ def launching(base_launch: Callable[..., None]) -> Callable[..., None]:
 def observing(base_observe: Callable[..., Any]) -> Callable[..., Any]:
     """Return `ModeSet.observe` of a model with the torque, from that without it."""
 
-    @njit(fastmath=FASTMATH, **INNER)
+    @njit(**FAST)
     def observe(model, y, slip, constants, mu):
         energy, normal, tangential, torque = base_observe(model, y, slip, constants, mu)
         if slip.speed == 0.0:
@@ -560,7 +557,7 @@ def sliding_and_pivoting(sliding: Mode) -> Mode:
     """Return the mode of a body that slides with the torque, from that without it."""
     change_sliding = sliding.change
 
-    @njit(**KEPT_APART)
+    @njit(**INNER)
     def change(lane, status, move, goes_on, reversals_recorded):
         apart()
         t = lane.t + (lane.h - lane.t_low)
@@ -599,7 +596,7 @@ def pivoting_modes(rolling: Mode) -> tuple[Mode, Mode]:
             release(lane, t)
         return status, move
 
-    @njit(**KEPT_APART)
+    @njit(**INNER)
     def change(lane, status, move, goes_on, reversals_recorded):
         apart()
         t = lane.t + (lane.h - lane.t_low)

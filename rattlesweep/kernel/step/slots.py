@@ -7,11 +7,7 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import (
-    INNER,
-    lowest_bit,
-    widest_vectors,
-)
+from rattlesweep.compiling.intrinsics import FAST, INNER, lowest_bit, widest_vectors
 from rattlesweep.kernel import runs
 from rattlesweep.kernel.state.fields import (
     STEP,
@@ -56,7 +52,6 @@ from rattlesweep.kernel.step.to_rest import (
 from rattlesweep.physics.friction.sliding import (
     meets_singularity,
 )
-from rattlesweep.physics.full import FASTMATH
 
 # Slots of a rack in which a turn goes on, if lanes that roll step in the same turn.
 FEWEST_SLIDING = 4
@@ -80,7 +75,7 @@ class SlotFields:
     tried: Past  # rates in the step tried
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def end_or_load(lane, z, slot, scale, contact_recorded):
     """Return whether the step is one of a rack, and copy it there.
 
@@ -129,7 +124,7 @@ def end_or_load(lane, z, slot, scale, contact_recorded):
     return True
 
 
-@njit(fastmath=FASTMATH, **INNER)
+@njit(**FAST)
 def take_from(lane, z, slot, scale, contact_recorded):
     """Copy the end of a step from a rack, with its error and what is observed."""
     rack = lane.problem.rack
