@@ -230,8 +230,15 @@ def derived(
     values: dict[str, Any] = {name: getattr(b, name) for name in PARAMETERS}
     if b.c is not None:
         values["c"] = b.c
-    values |= vars(m)
     values |= {
+        "omega_p": m.omega_p,
+        "omega_r": m.omega_r,
+        "omega_p0": m.omega_p0,
+        "omega_r0": m.omega_r0,
+        "psi_p": m.psi_p,
+        "psi_r": m.psi_r,
+        "K_p": m.K_p,
+        "K_r": m.K_r,
         "n_c1": n_c1,
         "n_i": n_i,
         "omega_xy0": omega_xy0,

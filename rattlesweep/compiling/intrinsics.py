@@ -38,18 +38,18 @@ FASTMATH = {"contract", "nsz"}
 # A function without these takes them over from its caller, and from the first one if
 # there are several (Numba 0.68, issue 7168).  Then its last bits would depend on what
 # was compiled before in the same process.
-EXACT: dict[str, object] = {"fastmath": False, "forceinline": False}
+UNFUSED: dict[str, object] = {"fastmath": False, "forceinline": False}
 # Options of functions that only compiled functions call.  Wrappers for Python and C,
 # which would take time to compile, are left out; a call from Python would crash the
 # process.
-INNER: dict[str, object] = EXACT | {"nogil": True, "error_model": "numpy"}
+INNER: dict[str, object] = UNFUSED | {"nogil": True, "error_model": "numpy"}
 INNER |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 # They own no arrays.  Otherwise Numba counts references to each array at each call,
 # which took 3 to 5 % of the time of a kernel.
 INNER |= {"_nrt": False}
-FAST: dict[str, object] = INNER | {"fastmath": FASTMATH}
+FUSED: dict[str, object] = INNER | {"fastmath": FASTMATH}
 INLINED: dict[str, object] = INNER | {"forceinline": True}
-FAST_INLINED: dict[str, object] = FAST | {"forceinline": True}
+FUSED_INLINED: dict[str, object] = FUSED | {"forceinline": True}
 
 
 def _first_of(array, length):

@@ -22,9 +22,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from threading import RLock
 
 from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import cpu_target
+
+_compiling = RLock()  # one thread at a time compiles kernels
 
 
 class LinkedLibrary(JITCodeLibrary):
@@ -78,8 +81,9 @@ class LinkedLibrary(JITCodeLibrary):
 def linking_alone() -> Iterator[None]:
     """Let what is compiled inside ``with`` have a :class:`LinkedLibrary`."""
     codegen = cpu_target.target_context.codegen()
-    codegen._library_class = LinkedLibrary
-    try:
-        yield
-    finally:
-        codegen._library_class = JITCodeLibrary
+    with _compiling:
+        codegen._library_class = LinkedLibrary
+        try:
+            yield
+        finally:
+            codegen._library_class = JITCodeLibrary

@@ -237,23 +237,28 @@ def _place(recipe: Recipe, *names: str | bool) -> Path:
     return cache_folder() / "-".join([recipe.__name__, *map(str, names), *files])
 
 
+# One thread at a time imports, so that none finds half a module.
+_importing = threading.RLock()
+
+
 def import_written(name: str, source: str) -> ModuleType:
     """Write a module into :func:`cache_folder`, import it and return it."""
     path = cache_folder() / f"{name}.py"
-    imported = sys.modules.get(name)
-    if imported is not None and getattr(imported, "__file__", None) == str(path):
-        return imported
-    if not path.exists() or path.read_text("utf-8") != source:
-        unfinished = path.with_suffix(f".{os.getpid()}")
-        unfinished.write_text(source, "utf-8")
-        unfinished.replace(path)
-    module = ModuleType(name)
-    module.__file__ = str(path)
-    # Numba finds the module of a stored function by name, and looks at its file. What
-    # is executed is the text, whatever the file holds by then.
-    sys.modules[name] = module
-    exec(compile(source, path, "exec"), module.__dict__)
-    return module
+    with _importing:
+        imported = sys.modules.get(name)
+        if imported is not None and getattr(imported, "__file__", None) == str(path):
+            return imported
+        if not path.exists() or path.read_text("utf-8") != source:
+            unfinished = path.with_suffix(f".{os.getpid()}")
+            unfinished.write_text(source, "utf-8")
+            unfinished.replace(path)
+        module = ModuleType(name)
+        module.__file__ = str(path)
+        # Numba finds the module of a stored function by name, and looks at its file.
+        # What is executed is the text, whatever the file holds by then.
+        sys.modules[name] = module
+        exec(compile(source, path, "exec"), module.__dict__)
+        return module
 
 
 _loaded: dict[Order, Compiled] = {}
@@ -437,7 +442,8 @@ def compile_in_child() -> None:
     fork = 0
     if FORKS and len(orders) > 1:
         _prepare(orders)
-        fork = os.fork()
+        with suppress(OSError):
+            fork = os.fork()
         if fork:
             orders.reverse()
     # The fork would lack a thread that was started before.

@@ -13,6 +13,7 @@ import numpy as np
 
 from rattlesweep.arrays import Floats, Integers, take
 from rattlesweep.kernel import batch as batches
+from rattlesweep.kernel import recipes
 from rattlesweep.kernel.follow import added_up, moved_on
 from rattlesweep.kernel.method.tableau import DT, Tableau
 from rattlesweep.kernel.outcome import Batch
@@ -78,7 +79,8 @@ def follow_abreast(
     settings = batches.BatchSettings(tol, DT, max_steps, frozenset({"reversals"}))
     followed: list[RunAbreast | None] = [None] * len(batch)
     for rows, own in batches.by_own_model(batch, model):
-        if own.slide is not None or own.chart is ANYWHERE:
+        slides = recipes.problem_of(own).modes.schedules
+        if slides or own.chart is ANYWHERE:
             continue
         part = batches.with_model(take(batch, rows), model, own)
         for first in range(0, len(rows), LANES):

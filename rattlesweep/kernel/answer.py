@@ -9,7 +9,7 @@ or tangents.  Both are compiled for each model and called by their addresses.
 # mypy: ignore-errors
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import FAST, FAST_INLINED, INNER
+from rattlesweep.compiling.intrinsics import FUSED, FUSED_INLINED, INNER
 from rattlesweep.kernel.look.extremes import (
     contact_points,
     note_contact,
@@ -26,7 +26,7 @@ BEGIN, IDLE, DERIVE, MEASURE, SETTLE, LIMIT, END, CHANGE = range(8)
 SCHEDULE, OBSERVE, DECIDE, ADVANCE = range(4)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def derive(lane):
     """Set the derivative at the start of the step, and return spin and its rate."""
     y = lane.y
@@ -35,7 +35,7 @@ def derive(lane):
     return lane.problem.model.spin(y), lane.problem.model.spin_rate(y, f)
 
 
-@njit(**FAST_INLINED)
+@njit(**FUSED_INLINED)
 def jump(lane):
     """Let the force jump, at the end of the step, to that of a lane's new mode.
 
@@ -103,7 +103,7 @@ def note_energies(lane):
     lane.work1 = lane.problem.modes.work(lane)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def note_oscillation(lane):
     """Note how large the oscillation is at the end of the step just tried."""
     _, lane.oscillation1 = lane.problem.model.error(lane.y1, lane.y1, lane.constants)

@@ -162,7 +162,7 @@ def slide_recipe(model_name: str, rim: str = "") -> Kernel:
 def look_recipe(model_name: str, word: str) -> Kernel:
     """Return what looks at a word of `record` in the steps of a model."""
     lanes = problem_of(find_model(model_name)), FLAT
-    return Kernel(looks.LOOKS[word], (*lanes, STEPPED, False, NOTHING.marks), INNER)
+    return Kernel(looks.LOOKS_AT[word], (*lanes, STEPPED, False, NOTHING.marks), INNER)
 
 
 def note_recipe(model_name: str) -> Kernel:
@@ -195,7 +195,7 @@ def parts_of(
     parts[turn.ANSWER] = answer_recipe, model.name, *rim
     if traits.limited or traits.has_tangents:
         parts[turn.ANSWER_FOR_ALL] = answer_for_all_recipe, model.name, *rim
-    for place, word in enumerate(looks.LOOKS):
+    for place, word in enumerate(looks.LOOKS_AT):
         words = OF_MARKS if word == "marks" else {word}
         if not words.isdisjoint(record):
             parts[turn.FIRST_LOOK + place] = look_recipe, model.name, word

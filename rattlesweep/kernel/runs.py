@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.compiling.intrinsics import INNER, copy_numbers, widest_vectors
+from rattlesweep.compiling.intrinsics import INNER, apart, copy_numbers, widest_vectors
 from rattlesweep.kernel.look import extremes
 from rattlesweep.kernel.state.fields import (
     MOST_REVERSALS,
@@ -467,6 +467,7 @@ def keep_end(problem, traits, w, l):
 
     Kept are the rows that are :data:`OfEnd`, and then those that the model has there.
     """
+    apart()
     lanes = problem.lanes
     kept = traits.kept * lanes + l
     for row in problem.rows_of_end:
@@ -480,6 +481,7 @@ def keep_end(problem, traits, w, l):
 @njit(**INNER)
 def restore_end(problem, traits, w, l):
     """Let the end that :func:`keep_end` kept be that of the step just tried again."""
+    apart()
     lanes = problem.lanes
     kept = traits.kept * lanes + l
     for row in problem.rows_of_end:

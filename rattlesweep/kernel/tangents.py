@@ -13,7 +13,7 @@ from typing import Annotated
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import FAST, barrier, widest_vectors
+from rattlesweep.compiling.intrinsics import FUSED, barrier, widest_vectors
 from rattlesweep.kernel.runs import N_WINDOWS
 from rattlesweep.kernel.state.fields import Lengths, Number, State, Tangent
 from rattlesweep.kernel.state.lane import Tangents, lane_of, nothing
@@ -74,7 +74,7 @@ class GrowthRecord:
 # A tangent.
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def start_tangent(lane):
     """Give a lane the model's first tangent, made transverse and of norm 1."""
     barrier()
@@ -92,7 +92,7 @@ def start_tangent(lane):
     barrier()
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def advance_tangent(problem, w):
     """Move the tangents of all lanes to the end of their step."""
     widest_vectors()
@@ -114,7 +114,7 @@ def advance_tangent(problem, w):
         lane.shift += out
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def note_tangent(lane, t, k, growths):
     """Store the time and the tangent's growth in row ``k``."""
     barrier()
@@ -128,7 +128,7 @@ def note_tangent(lane, t, k, growths):
 # A frame of tangents, which is made orthonormal after each step.
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def start_frame(lane):
     """Give a lane the model's first frame, made transverse and orthonormal."""
     barrier()
@@ -155,7 +155,7 @@ def _scaled(length):
     return length * factor, out
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def advance_frame(problem, w):
     """Move the frames of all lanes to the end of their step."""
     widest_vectors()
@@ -185,7 +185,7 @@ def advance_frame(problem, w):
         lane.shifts = s1 + out_1, s2 + out_2, s3 + out_3
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def note_frame(lane, t, k, growths):
     """Store the time and the five growths in row ``k``.
 

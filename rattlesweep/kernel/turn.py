@@ -83,9 +83,9 @@ class Options(NamedTuple):
 # `answer.answer`; of `answer.answer_for_all` for models with modes or tangents, of
 # `slots.slide_lanes` for a model that slides, of `notes.note_step` where something is
 # noted that depends on the model, of `tangents.note_growth` for models with tangents;
-# of `looks.LOOKS` where steps are looked into.  Others are 0.
+# of `looks.LOOKS_AT` where steps are looked into.  Others are 0.
 ATTEMPT, CLOSER, ANSWER, ANSWER_FOR_ALL, SLIDE, NOTE, GROWTH, FIRST_LOOK = range(8)
-N_PARTS = FIRST_LOOK + len(looks.LOOKS)
+N_PARTS = FIRST_LOOK + len(looks.LOOKS_AT)
 # Stages of :func:`decide_closely`: the zeros in a step tried, those after an event that
 # was found in it, the extremes in a step that is to be taken.
 ZEROS, AFTER_EVENT, PEAKS = 0, 1, 2
@@ -607,6 +607,8 @@ def work_off(
     widest_vectors()
     watching = traits.limited or is_recording(parts, recording)
     max_steps = options.most_steps
+    # What is noted when a run has ended needs the start of its last step.
+    may_put_off = parts[NOTE] == 0
     busy = 0
     for l in range(problem.lanes):
         if next_run(problem, traits, parts, w, l, shared, order, inputs):
@@ -614,7 +616,7 @@ def work_off(
     turns = 0
     used = problem.lanes
     while busy > 0:
-        due = try_step(problem, traits, parts, w, options, recording, used, True)
+        due = try_step(problem, traits, parts, w, options, recording, used, may_put_off)
         while due != 0:
             l = lowest_bit(due)
             due &= due - 1

@@ -3,8 +3,10 @@
 from math import ceil, cos, inf, pi
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import rattlesweep as rs
 from rattlesweep.kernel.look import inside
 from rattlesweep.kernel.mode import pivots
 
@@ -47,3 +49,13 @@ def test_a_followed_harmonic_falls_no_further_between_looks(frequency):
             assert low - share * (top - low) - 0.125 * bend <= dense.min()
             # Nor is it of much use to search what is this far from zero.
             assert low - share * (top - low) - 0.125 * bend > dense.min() - 0.3
+
+
+@pytest.mark.parametrize("word", ["late", "casimir", "reversals", "windows", "t_half"])
+def test_a_recorded_contact_changes_no_other_column(word):
+    # Searches for extremes of the contact are made when a run has ended.
+    launches = {"n_i": np.linspace(-0.5, 0.5, 24), "omega_xy0": 0.05, "t_end": 100.0}
+    alone = rs.simulate(rs.Rattleback.gh(), record=[word], **launches)
+    both = rs.simulate(rs.Rattleback.gh(), record=["contact", word], **launches)
+    assert set(both.columns) - set(alone.columns) >= {"contact_ratio_max"}
+    pd.testing.assert_frame_equal(both[alone.columns], alone, check_exact=True)

@@ -11,7 +11,7 @@ import kernels
 import pytest
 from numba import boolean, float64, int64, njit, typeof
 
-from rattlesweep.compiling.intrinsics import FAST
+from rattlesweep.compiling.intrinsics import FUSED
 from rattlesweep.kernel import recipes, tangents, turn
 from rattlesweep.kernel.look import extremes
 from rattlesweep.kernel.method.tableau import METHODS
@@ -60,7 +60,7 @@ PIECES = {
 }
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def rates(problem, w):
     """Compute the right-hand side at the start of the step of every lane."""
     for l in range(problem.lanes):

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import EXACT, first_of
+from rattlesweep.compiling.intrinsics import UNFUSED, first_of
 from rattlesweep.compiling.loading import Kernel, load_kernels
 from rattlesweep.kernel import recipes
 from rattlesweep.kernel.method.tableau import VERNER98
@@ -187,7 +187,7 @@ def _add(table, h, weights, rates, out):
 
 
 # Not inlined, as the rates would be compiled at each place of a call.
-@njit(error_model="numpy", **EXACT)
+@njit(error_model="numpy", **UNFUSED)
 def _derive(problem, table, q, out):
     """Write the rates of a state, of its tangents and of the integrals of means."""
     model = problem.model
@@ -207,7 +207,7 @@ def _derive(problem, table, q, out):
     )
 
 
-@njit(error_model="numpy", **EXACT)
+@njit(error_model="numpy", **UNFUSED)
 def _slope_of_energy(problem, y, q, i):
     """Return the derivative of the energy by a component of the state."""
     energy = problem.model.energy

@@ -27,7 +27,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.compiling.intrinsics import EXACT
+from rattlesweep.compiling.intrinsics import UNFUSED
 from rattlesweep.compiling.loading import Kernel, load_kernels
 from rattlesweep.config.body_sources import (
     GridSource,
@@ -437,9 +437,9 @@ def sampler() -> Kernel:
 
 
 # Formulas for arrays, here compiled for scalars too.
-register_jitable(nogil=True, **EXACT)(theory.hessian)
+register_jitable(nogil=True, **UNFUSED)(theory.hessian)
 _shell_dumbbell, _torque_coefficients, _drawn_parameters = map(
-    njit(nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **EXACT),
+    njit(nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **UNFUSED),
     (body.shell_dumbbell, theory.torque_coefficients, _shell_parameters),
 )
 
@@ -486,7 +486,7 @@ def _draw(
                 break
 
 
-@register_jitable(nogil=True, **EXACT)
+@register_jitable(nogil=True, **UNFUSED)
 def uniforms(seed, word, sample, draw):
     """Return eight numbers in [0, 1), or arrays of them for an array of samples."""
     key0 = np.uint64(seed)
@@ -498,7 +498,7 @@ def uniforms(seed, word, sample, draw):
     return _philox(key0, key1, first, number) + _philox(key0, key1, second, number)
 
 
-@register_jitable(nogil=True, **EXACT)
+@register_jitable(nogil=True, **UNFUSED)
 def _philox(key0, key1, c0, c1):
     """Return four numbers in [0, 1) for a key and a counter of 64-bit words."""
     c2 = c3 = np.uint64(0)
@@ -519,7 +519,7 @@ def _philox(key0, key1, c0, c1):
     )
 
 
-@register_jitable(nogil=True, **EXACT)
+@register_jitable(nogil=True, **UNFUSED)
 def _multiply(a, b):
     """Return the high and the low word of the product of two 64-bit words."""
     a_high = a >> _HALF

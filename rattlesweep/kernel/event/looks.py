@@ -4,15 +4,16 @@ Every turn looks at all lanes at once, by a glance at the middle of their steps,
 follows functions through long ones (`look.inside`).  A lane whose step may hold
 something new is watched: the step is then searched (`event.zeros`).
 
-What looks at a word of `record` is a part (:data:`LOOKS`), compiled for each model and
-called by its address (`kernel.turn`).  It is only loaded where this word is recorded.
+What looks at a word of `record` is a part (:data:`LOOKS_AT`), compiled for each model
+and called by its address (`kernel.turn`).  It is only loaded where this word is
+recorded.
 """
 
 # mypy: ignore-errors
 
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import FAST, INNER
+from rattlesweep.compiling.intrinsics import FUSED, INNER
 from rattlesweep.kernel.event.peaks import mark_points
 from rattlesweep.kernel.look import extremes, inside
 from rattlesweep.kernel.look.marks import MARKS, value_of
@@ -29,7 +30,7 @@ class LookFields:
     seen_second: Number
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def dip_of_mark(lane, k, start, end):
     """Return where a mark may fall to zero within the step tried, as a peak."""
     if inside.is_long(lane):
@@ -76,4 +77,4 @@ def look_at_marks(problem, w, stage, may_put_off, marks):
 
 
 # What looks at the words of `record`, by the word.
-LOOKS = extremes.LOOKS | {"marks": look_at_marks}
+LOOKS_AT = extremes.LOOKS_AT_EXTREMES | {"marks": look_at_marks}

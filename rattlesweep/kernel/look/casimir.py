@@ -15,7 +15,7 @@ from typing import Annotated
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import FAST, INNER
+from rattlesweep.compiling.intrinsics import FUSED, INNER
 from rattlesweep.kernel.state.fields import MOST_REVERSALS, Number
 
 # Rows of the table of a run: the least and the largest value, then the mean before the
@@ -46,7 +46,7 @@ class CasimirFields:
     casimir_turns: Number  # reversals until now whose means are stored
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def note_value(lane, pitch, roll, weights):
     """Let a value count; an energy of zero has none."""
     if pitch <= 0.0 or roll <= 0.0:
@@ -66,7 +66,7 @@ def note_value(lane, pitch, roll, weights):
         lane.casimir_count += 1.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def store_mean(lane, casimir):
     """Store the mean between two reversals, and begin the next."""
     k = MEANS + int(lane.casimir_turns)
@@ -80,7 +80,7 @@ def store_mean(lane, casimir):
     lane.casimir_count = 0.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def join_pending(lane, casimir):
     """Let the values since a zero count, once it is known what the zero was."""
     if lane.t_pending >= 0.0:
@@ -94,7 +94,7 @@ def join_pending(lane, casimir):
     lane.casimir_nexts = 0.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def note_casimir(lane, casimir):
     """Let the step just tried count."""
     join_pending(lane, casimir)
@@ -114,7 +114,7 @@ def note_casimir(lane, casimir):
         close_period(lane, (w_p, w_r))
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def close_period(lane, weights):
     """Let the average since the last period count."""
     time = lane.casimir_time

@@ -16,7 +16,7 @@ from typing import Annotated, Any, NamedTuple
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import FAST, INNER, choice, moved, widest_vectors
+from rattlesweep.compiling.intrinsics import FUSED, INNER, choice, moved, widest_vectors
 from rattlesweep.kernel.look import inside, put_off
 from rattlesweep.kernel.state.fields import (
     DIFFERENCE,
@@ -194,7 +194,7 @@ def _advance_contact(problem, w):
 # The contact forces within steps.
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def observe_contact(problem, w, may_put_off):
     """Compute the contact forces at the end of the step tried on every lane.
 
@@ -238,7 +238,7 @@ def observe_contact(problem, w, may_put_off):
         lowest = -before.value if before.value > at_end else -at_end
         lowest = normal if normal < lowest else lowest
         lowest = -bound if -bound < lowest else lowest
-        is_flat = lowest > put_off.LEAST_SHARE * highest
+        is_flat = lowest > put_off.LEAST_NORMAL * highest
         lowest = lowest if is_flat else highest
         # The ratio.
         ratio_before = lane.ratio0
@@ -285,7 +285,7 @@ def excess_of(ratio, lift, largest):
     return Point(ratio.h, excess * normal, ratio.rate * normal + excess * rate)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def follow_contact(problem, w):
     """Find the peaks of the contact in long steps."""
     for l in range(problem.lanes):
@@ -402,7 +402,7 @@ def observe_spin(problem, w):
         lane.watched += 1.0 if rises & (not is_long) else 0.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def follow_spin(problem, w):
     """Find the largest spin of a turn in long steps."""
     for l in range(problem.lanes):
@@ -475,7 +475,7 @@ EXTREMES = (
 """The extremes, in the order in which they are searched."""
 
 # What looks at them, by the word of `record`.
-LOOKS = {"contact": look_at_contact, "reversals": look_at_turns}
+LOOKS_AT_EXTREMES = {"contact": look_at_contact, "reversals": look_at_turns}
 
 tried_of, peak_of, scale_of, keep_of = (
     choice(dict(enumerate(functions)), inline=True)

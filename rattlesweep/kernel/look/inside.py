@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import FAST, apart, moved, widest_vectors
+from rattlesweep.compiling.intrinsics import FUSED, apart, moved, widest_vectors
 from rattlesweep.kernel.look.marks import value_of
 from rattlesweep.kernel.state.fields import DIFFERENCE, GROUP, NEVER, Peak, Point
 from rattlesweep.kernel.state.lane import lane_of
@@ -64,7 +64,7 @@ def middle(lane):
     return moved(moved(ends, lane.f, eighth), lane.f1, -eighth)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def rates_beyond(lane):
     """Return the derivatives a little after the start and the end of the step."""
     ahead = DIFFERENCE / lane.swing
@@ -73,7 +73,7 @@ def rates_beyond(lane):
     return first, rhs(moved(lane.y1, lane.f1, ahead), lane.constants)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def state_at(lane, beyond, share):
     """Return the state at a share of the step, by Hermite's quintic.
 
@@ -232,7 +232,7 @@ def is_long(lane):
 RATIO, LIFT, TURN, MARK = range(4)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def excess_at(lane, beyond, share, kind, most):
     """Return by how much a function exceeds a value at a share of the step.
 
@@ -280,13 +280,13 @@ def seen_next(seen, k, excess):
     return Seen(seen.best, seen.top, seen.at_left, at_right, low, excess)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def pieces_of(lane):
     """Return the number of pieces in which a long step is followed."""
     return min(MOST_PIECES, ceil(lane.h * lane.swing / SPACING))
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def follow(lane, beyond, kind, most):
     """Return the highest peak within a long step if it may exceed a value, or none."""
     pieces = pieces_of(lane)
@@ -298,7 +298,7 @@ def follow(lane, beyond, kind, most):
     return peak_seen(lane, beyond, kind, most, seen)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def follow_forces(problem, w, l, ratio_most, lift_most):
     """Return what :func:`follow` does for the ratio of the forces and for the lift."""
     apart()
@@ -327,7 +327,7 @@ def follow_forces(problem, w, l, ratio_most, lift_most):
     return ratio, peak_seen(lane, beyond, LIFT, lift_most, lift_seen)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def peak_seen(lane, beyond, kind, most, seen):
     """Return the highest peak of a function that was followed, if it may exceed 0."""
     pieces = pieces_of(lane)

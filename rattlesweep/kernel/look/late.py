@@ -12,7 +12,7 @@ from typing import Annotated
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import FAST, INNER, apart
+from rattlesweep.compiling.intrinsics import FUSED, INNER, apart
 from rattlesweep.kernel.look.inside import rates_beyond, state_at
 from rattlesweep.kernel.state.fields import Number
 from rattlesweep.kernel.state.ways import steps_in_rack
@@ -50,7 +50,7 @@ class LateFields:
     late_square: Number  # integral of its square
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def cubic(lane, share):
     """Return the spin at a share of the step, from its values and rates at both ends.
 
@@ -62,7 +62,7 @@ def cubic(lane, share):
     return ends + lane.h * share * rest * (rest * lane.rate0 - share * lane.rate1)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def note(lane):
     """Add the step just accepted to the integrals."""
     apart()

@@ -24,7 +24,7 @@ DOUBTS = 3.0
 LONGEST_KEPT = 3.0
 # Where the normal force falls below this share of its value at an end, the ratio has
 # sharp peaks, of which little is sure.
-LEAST_SHARE = 0.2
+LEAST_NORMAL = 0.2
 
 
 class PutOffFields:

@@ -29,7 +29,7 @@ from dataclasses import dataclass, field, replace
 
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import FAST, INNER, apart, choice, widest_vectors
+from rattlesweep.compiling.intrinsics import FUSED, INNER, apart, choice, widest_vectors
 from rattlesweep.kernel.event.zeros import LIMIT
 from rattlesweep.kernel.look import inside
 from rattlesweep.kernel.mode import pivots, slides
@@ -135,13 +135,13 @@ def end_at_rim(lane, status, move, goes_on, reversals_recorded):
     return RIM if status == AT_LIMIT else status, move
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def settle(lane, y, n, t):
     """Let the lane roll."""
     lane.mode = ROLLING
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def energy(lane):
     """Return the energy at the end of the step just tried."""
     return lane.problem.model.energy(lane.y1, lane.constants)
@@ -153,7 +153,7 @@ def work(lane):
     return lane.problem.model.work(lane.y1)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def observe(model, y, slip, constants, mu):
     """Return what `ModeSet.observe` does."""
     normal, tangential = model.contact(y, constants)
@@ -199,7 +199,7 @@ def observe_margin(
     this is searched unless it is calm.
     """
 
-    @njit(**FAST)
+    @njit(**FUSED)
     def observe_limit(problem, w, used):
         widest_vectors()
         for first in range(0, used, GROUP):
@@ -247,7 +247,7 @@ def observe_force(
     """
     observe_all = observe_margin(margin, never)
 
-    @njit(**FAST)
+    @njit(**FUSED)
     def observe_limit(problem, w, used):
         widest_vectors()
         lifting = 0
@@ -278,7 +278,7 @@ def observe_nothing(problem, w, used):
         lane.leaves = 0.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def look_at_limit(lane):
     """Compute the limit at the ends of the step tried, where it is to be searched.
 

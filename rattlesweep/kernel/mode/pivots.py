@@ -20,7 +20,7 @@ from typing import Any
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import FAST, INNER, apart, moved, widest_vectors
+from rattlesweep.compiling.intrinsics import FUSED, INNER, apart, moved, widest_vectors
 from rattlesweep.kernel import runs
 from rattlesweep.kernel.answer import jump, note_energies
 from rattlesweep.kernel.event.zeros import REVERSED
@@ -111,14 +111,14 @@ FOLLOWING = 0.1
 LEAST_SPIN = 1e-14
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def set_sense(lane, sense):
     """Let the torque act against a spin of this sign, or hold the spin for 0."""
     lane.sense = sense
     lane.mode = HELD if sense == 0.0 else PIVOTING
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def note_pull(problem, w, used):
     """Note on every lane whether the plane would have to pull at the end of the step.
 
@@ -134,7 +134,7 @@ def note_pull(problem, w, used):
         lane.pulled = before if is_free else 1.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def give_slack(lane, y):
     """Let the spin begin on its side of zero, although it is a rounding error."""
     n = lane.sense * lane.problem.model.spin(y)
@@ -196,7 +196,7 @@ def distance_from_zero(lane):
     return abs(lane.n1) / (scale + TINY)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def sense_from_zero(lane, y):
     """Return the sense with which a spin leaves zero, 0 if the plane holds it."""
     set_sense(lane, 0.0)
@@ -206,7 +206,7 @@ def sense_from_zero(lane, y):
     return -1.0 if torque > 0.0 else 1.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def hold_spin(lane, y, t):
     """Note that the spin is held from the state ``y`` and the time ``t`` on."""
     lane.below1, lane.above1 = margins(lane, y)
@@ -226,7 +226,7 @@ def release(lane, t):
     lane.rate_max = max(lane.rate_max, lane.rate_held)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def free(lane):
     """Let the foot begin to slide at the end of the step, with the torque it has.
 
@@ -248,7 +248,7 @@ def free(lane):
     lane.n1 = turning
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def spin_at_begin(lane):
     """Return the spin, at the least creep, with which a foot leaves a rest of both.
 
@@ -272,7 +272,7 @@ def spin_at_begin(lane):
     return sense * unit * exp(-low)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def lag_of_spin(lane, spin):
     """Return the rate of the spin beyond that which keeps its ratio to the speed.
 
@@ -290,7 +290,7 @@ def lag_of_spin(lane, spin):
     return model.spin_rate(y, motion.f) - ratio * gain
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def turn_end(lane, rate):
     """Change the spin at the end of the step."""
     slide = lane.problem.model.slide
@@ -298,7 +298,7 @@ def turn_end(lane, rate):
     lane.y1 = slide.turned(lane.y1, at.u, rate)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def slow(lane):
     """Let a spin that follows the speed do so in a step to the end of a slide.
 
@@ -325,7 +325,7 @@ def slow(lane):
     lane.n1 = copysign(max(abs(kept), TINY), n)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def settle(lane, y, n, t):
     """Let the torque act from the state ``y`` on, in which the body rolls."""
     has_slid = lane.mode == SLIDING
@@ -342,7 +342,7 @@ def settle(lane, y, n, t):
         lane.left_zero = lane.steps + 1.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def leave_zero(lane, t):
     """Let the spin go on from zero at the end of the step; return its sense."""
     apart()
@@ -364,7 +364,7 @@ def leave_zero(lane, t):
     return sense
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def any_held(problem, w):
     """Return whether the spin of a lane is held."""
     held = 0
@@ -374,7 +374,7 @@ def any_held(problem, w):
     return held > 0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def observe_held(problem, w, used):
     """Look at the torque in the step tried on every lane that is held.
 
@@ -408,7 +408,7 @@ def observe_held(problem, w, used):
             lane.watched += 1.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def may_fall_within(problem, w, l):
     """Return whether the plane may let the spin go within a long step of lane ``l``.
 
@@ -518,7 +518,7 @@ def launching(base_launch: Callable[..., None]) -> Callable[..., None]:
 def observing(base_observe: Callable[..., Any]) -> Callable[..., Any]:
     """Return `ModeSet.observe` of a model with the torque, from that without it."""
 
-    @njit(**FAST)
+    @njit(**FUSED)
     def observe(model, y, slip, constants, mu):
         energy, normal, tangential, torque = base_observe(model, y, slip, constants, mu)
         if slip.speed == 0.0:

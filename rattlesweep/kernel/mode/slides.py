@@ -26,7 +26,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats
-from rattlesweep.compiling.intrinsics import FAST, INNER
+from rattlesweep.compiling.intrinsics import FUSED, INNER
 from rattlesweep.kernel.answer import jump
 from rattlesweep.kernel.look.extremes import note_contact, start_points
 from rattlesweep.kernel.look.inside import along_flow, both
@@ -153,7 +153,7 @@ def is_calm(lane):
     return (held > 0.0) & (held * held > 2.0 * most)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def jams(lane):
     """Return whether the mobility is about to vanish at the start of the step.
 
@@ -172,13 +172,13 @@ def jams(lane):
     return meets_singularity(contact, lane.mu, slip.angle)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def why_not(contact):
     """Return the status of a body that can neither roll nor slide."""
     return LIFTS_OFF if contact.need < LEAST_MOBILITY else JAMMED
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def slide_from_rest(lane):
     """Let a lane slide from rest at the end of the step; return a status."""
     rest = Slip(0.0, 0.0, 0.0)
@@ -201,7 +201,7 @@ def slide_from_rest(lane):
     return OK
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def begin(lane, t):
     """Begin a slide at the end of the step, at time ``t``; return a status."""
     p = lane.y1[0]
@@ -221,7 +221,7 @@ def begin(lane, t):
     return status
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def end(lane, t):
     """End a slide at the end of the step, at time ``t``, or let it go on."""
     y = lane.y1
@@ -309,7 +309,7 @@ def advance(problem, w):
         lane.slip = Slip(slip.speed, slip.angle - turns * TWO_PI, slip.work)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def energy_of(model, y, slip, constants):
     """Return the energy minus the work of friction of a body that may slide."""
     at = model.slide.place(y, slip, 0.0, constants)
@@ -317,7 +317,7 @@ def energy_of(model, y, slip, constants):
     return model.energy(y, constants) + moving - slip.work
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def force_of(model, y, slip, constants, mu):
     """Return the forces on a body that slides, and the torque along the vertical.
 
@@ -351,7 +351,7 @@ def store(lane):
     lane.slide_work = 0.0 - lane.slip1.work / lane.energy0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def observe_body(model, y, slip, constants, mu):
     """Return what `ModeSet.observe` does."""
     torque = 0.0

@@ -12,14 +12,14 @@ between it and the state, and change the last bits of the state.
 
 from collections.abc import Callable, Sequence
 
-from rattlesweep.compiling.intrinsics import FAST
+from rattlesweep.compiling.intrinsics import FUSED
 from rattlesweep.compiling.loading import import_written
 from rattlesweep.kernel.method.tableau import Row, Tableau
 from rattlesweep.kernel.state.fields import GROUP
 from rattlesweep.kernel.state.lane import Problem
 
 SUBSTEPS = 8  # steps of a fixed-step method between two decisions on the lanes
-OPTIONS: dict[str, object] = FAST | {"no_cpython_wrapper": False}
+OPTIONS: dict[str, object] = FUSED | {"no_cpython_wrapper": False}
 ATTEMPT_HEAD = '''"""A step of {tableau.name} for {model.name}, from step.explicit."""
 
 from rattlesweep.compiling.intrinsics import barrier, widest_vectors

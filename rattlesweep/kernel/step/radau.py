@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numba import config, njit
 
-from rattlesweep.compiling.intrinsics import FAST
+from rattlesweep.compiling.intrinsics import FUSED
 from rattlesweep.compiling.loading import import_written
 from rattlesweep.kernel.method.collocation import STAGES, radau
 from rattlesweep.kernel.state.fields import N_SLIP, SLIP_ANGLE, SLIP_SPEED
@@ -449,7 +449,7 @@ def rack_of(model: Model) -> Rack:
     """Write and import the module of a model, and return its functions."""
     writer = _Writer(model)
     written = import_written(f"rack_{model.name}_{WIDTH}", writer.source)
-    compiled: Any = njit(**FAST)
+    compiled: Any = njit(**FUSED)
     n = writer.n
     count = writer.count
     last = writer.at(STAGES - 1, writer.values, count)

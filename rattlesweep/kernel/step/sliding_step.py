@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.polynomial import legendre
 
-from rattlesweep.compiling.intrinsics import FAST, INNER, moved, rough_root
+from rattlesweep.compiling.intrinsics import FUSED, INNER, moved, rough_root
 from rattlesweep.kernel import runs
 from rattlesweep.kernel.look.inside import (
     both,
@@ -76,13 +76,13 @@ SPIN_ROUNDING = 1e-14
 MOST_AHEAD = 2.5
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def contact_at_slip(lane, y, slip):
     """Return what :func:`contact_of` does for a lane's body."""
     return contact_of(lane.problem.model, y, slip, lane.mu, lane.constants)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def motion_of(lane, y, slip):
     """Return the motion of a lane's body in a state."""
     return motion_at(lane.problem.model, y, slip, lane.mu, lane.constants)
@@ -91,7 +91,7 @@ def motion_of(lane, y, slip):
 # A step, in the slot of a lane in a rack.
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def load_slot(lane, z, slot, scale):
     """Copy the start of a step to a slot, and what the last step tells."""
     slip = lane.slip
@@ -126,7 +126,7 @@ def load_slot(lane, z, slot, scale):
         go_straight(lane, z, slot)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def squared_speed(lane, speed):
     """Return the square of a speed, or of the spin that a patch has with it if smaller.
 
@@ -139,7 +139,7 @@ def squared_speed(lane, speed):
     return spin * spin
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def keep_rate(lane, z, slot, c, rate):
     """Let a number be guessed from its rate at the start of the step alone."""
     rack = lane.problem.rack
@@ -148,7 +148,7 @@ def keep_rate(lane, z, slot, c, rate):
         z[place] = rate if k == 0 else 0.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def go_straight(lane, z, slot):
     """Let a step be guessed from its own start, and not from the last step's."""
     rack = lane.problem.rack
@@ -156,7 +156,7 @@ def go_straight(lane, z, slot):
     z[rack.offset * rack.width + slot] = 0.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def rates_at_start(problem, z, slot, c):
     """Return the rate of a number at the start of a step, and the rate of this rate."""
     rack = problem.rack
@@ -174,7 +174,7 @@ def rates_at_start(problem, z, slot, c):
     return rate, bend / past_h
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def look_ahead(lane, z, slot):
     """Do not follow the rates of the last step further than they tell."""
     rack = lane.problem.rack
@@ -188,7 +188,7 @@ def look_ahead(lane, z, slot):
         go_straight(lane, z, slot)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def time_to_rest(lane, z, slot):
     """Return the time in which the speed falls to zero, or infinity.
 
@@ -204,7 +204,7 @@ def time_to_rest(lane, z, slot):
     return 2.0 * speed / (sqrt(square) - rate)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def guess_beginning(lane, z, slot):
     """Guess direction and speed at the stages of the first step of a slide.
 
@@ -248,7 +248,7 @@ def guess_beginning(lane, z, slot):
                 z[place] = max(min(z[place], most), squared_rounding(lane))
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def with_spin(lane, y, n):
     """Return a state with another spin."""
     model = lane.problem.model
@@ -256,21 +256,21 @@ def with_spin(lane, y, n):
     return model.slide.turned(y, at.u, n - model.spin(y))
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def begins_held(lane):
     """Return whether a slide begins at a rest of the spin, which follows the speed."""
     n = lane.problem.model.spin(lane.y)
     return slip_of_patch(n, lane.constants[-2], lane.constants[-1]) > LEAST_RATIO
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def squared_slip(error, speed):
     """Return the square of the error of the velocity in the plane."""
     across = speed * error.angle
     return error.speed * error.speed + across * across
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def squared_rounding(lane):
     """Return the square of the rounding errors of a lane's state."""
     speed = lane.slip.speed
@@ -280,7 +280,7 @@ def squared_rounding(lane):
     return ROUNDING * ROUNDING * size
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def squared_error(lane, z, slot, rates, scale):
     """Return the squared error of the step just tried, in units of the tolerance.
 
@@ -302,7 +302,7 @@ def squared_error(lane, z, slot, rates, scale):
     return error * lane.h * lane.h / max(size / scale, squared_rounding(lane))
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def stretch(lane):
     """Return the ratio of the next step to the step just tried.
 
@@ -320,7 +320,7 @@ def stretch(lane):
     return min(MOST_STRETCH, max(LEAST_STRETCH, ratio))
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def smooth_creep(lane, speed):
     """Return the creep on which the torque of the patch depends."""
     creep = lane.mu * speed
@@ -328,14 +328,14 @@ def smooth_creep(lane, speed):
     return sqrt(creep * creep + least * least)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def squared_rate(lane, change):
     """Return the square of the rate of the spin for a rate of change of the state."""
     rate = lane.problem.model.spin_rate(lane.y1, change)
     return rate * rate
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def squared_error_of_spin(lane, z, slot, rates):
     """Return the square of the error of the spin in a step of size 1.
 
@@ -373,7 +373,7 @@ def squared_error_of_spin(lane, z, slot, rates):
     return SPIN_WEIGHT * SPIN_WEIGHT * error
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def observe(lane, contact_recorded, limit_half, lift_half):
     """Compute spin and amplitude at the end of the step just tried, and what is due.
 
@@ -400,7 +400,7 @@ def observe(lane, contact_recorded, limit_half, lift_half):
         lane.watched += 1.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def note_forces(lane, z, slot):
     """Set the limit and the forces at the end of a step from those at its stages.
 
@@ -431,7 +431,7 @@ def note_forces(lane, z, slot):
     return both(margin_half, left(lane, middle(lane))), -normal_half
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def set_limit(lane):
     """Set the limit and the forces where a slide begins or its speed is zero."""
     ahead = DIFFERENCE / lane.swing

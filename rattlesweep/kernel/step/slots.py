@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import FAST, INNER, lowest_bit, widest_vectors
+from rattlesweep.compiling.intrinsics import FUSED, INNER, lowest_bit, widest_vectors
 from rattlesweep.kernel import runs
 from rattlesweep.kernel.state.fields import (
     STEP,
@@ -75,7 +75,7 @@ class SlotFields:
     tried: Past  # rates in the step tried
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def end_or_load(lane, z, slot, scale, contact_recorded):
     """Return whether the step is one of a rack, and copy it there.
 
@@ -124,7 +124,7 @@ def end_or_load(lane, z, slot, scale, contact_recorded):
     return True
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def take_from(lane, z, slot, scale, contact_recorded):
     """Copy the end of a step from a rack, with its error and what is observed."""
     rack = lane.problem.rack

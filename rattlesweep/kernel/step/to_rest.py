@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from rattlesweep.compiling.intrinsics import FAST, INNER, moved
+from rattlesweep.compiling.intrinsics import FUSED, INNER, moved
 from rattlesweep.kernel.look.inside import (
     both,
     halfway,
@@ -58,7 +58,7 @@ class Rest(NamedTuple):
     steady: bool  # whether the rates hardly change
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def rest_after(lane, time, scale):
     """Return the :class:`Rest` that a slide reaches after about some time."""
     slip = lane.slip
@@ -82,7 +82,7 @@ def rest_after(lane, time, scale):
     return Rest(now, then, -slip.speed / mean if steady else time, steady)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def step_to_rest(lane, rest):
     """Step to rest, or towards it if the step is shorter, with the forces there."""
     h = lane.h
@@ -111,7 +111,7 @@ def step_to_rest(lane, rest):
     lane.ratio1 = Point(h, lane.mu, 0.0)
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def fall_to_rest(lane):
     """Return how a slide comes to rest, soon.
 
@@ -150,7 +150,7 @@ def fall_to_rest(lane):
     return moved(nothing, path, 1.0 / time), slip.angle, time, falls
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def turn_to_rest(lane, mean, angle, rest):
     """Step along the mean derivative, to rest if the step is as long as that takes."""
     h = lane.h
@@ -177,7 +177,7 @@ def stay(lane):
     lane.watched = 1.0
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def observe_ends(lane, contact_recorded):
     """Observe a step of which the limit and the forces are known at its ends alone."""
     limit_half = halfway(lane.limit0, lane.limit1)
