@@ -130,7 +130,7 @@ def _sampled(
     y, slip = recorder.between(0, table, which, offset, run)
     extra = np.zeros((len(t), 0))
     if len(recorder.models) > 1:
-        begin_of_step = _carried(recorder, numbers, tables)
+        begin_of_step = _carried(recorder, numbers, tables, table)
         moved = recorder.moves(table, which, offset, run)
         extra = moved_on(begin_of_step[which], moved)
     sense = table[which, SENSE]
@@ -139,9 +139,10 @@ def _sampled(
     return [Samples(*of_run) for of_run in zip(*columns, strict=True)]
 
 
-def _carried(recorder: Recorder, numbers: list[int], tables: list[Floats]) -> Floats:
-    """Return heading and place in all rows of the tables, one below the other."""
-    table = np.concatenate(tables)
+def _carried(
+    recorder: Recorder, numbers: list[int], tables: list[Floats], table: Floats
+) -> Floats:
+    """Return heading and place in all rows of `table`, the tables below each other."""
     rows = np.cumsum([len(steps) for steps in tables])
     # No step begins in the last row of a table.
     is_begin = np.ones(len(table), bool)

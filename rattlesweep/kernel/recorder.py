@@ -120,9 +120,7 @@ def record_steps(
             due &= due - 1
             lane = lane_of(problem, w, l)
             if lane.run < 0.0:
-                lane.accept = 0.0
-                lane.h_next = 0.0
-                runs.hold_back(problem, traits, w, l)
+                runs.stay_empty(problem, traits, w, l)
                 continue
             most = options.most_steps
             status, move = turn.call_closer(traits, parts, w, l, most, recording)

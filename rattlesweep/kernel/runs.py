@@ -462,6 +462,15 @@ def hold_back(problem, traits, w, l):
 
 
 @njit(**INNER)
+def stay_empty(problem, traits, w, l):
+    """Take back the step that was tried on an empty lane."""
+    lane = lane_of(problem, w, l)
+    lane.accept = 0.0
+    lane.h_next = 0.0
+    hold_back(problem, traits, w, l)
+
+
+@njit(**INNER)
 def keep_end(problem, traits, w, l):
     """Keep the end of the step just tried, while a search in it tries shorter ones.
 

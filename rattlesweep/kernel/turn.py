@@ -622,9 +622,7 @@ def work_off(
             due &= due - 1
             lane = lane_of(problem, w, l)
             if lane.run < 0.0:
-                lane.accept = 0.0
-                lane.h_next = 0.0
-                runs.hold_back(problem, traits, w, l)
+                runs.stay_empty(problem, traits, w, l)
                 continue
             status, move = call_closer(traits, parts, w, l, max_steps, recording)
             t = lane.t + (lane.h - lane.t_low)
